@@ -9,7 +9,8 @@ Three rules make a result the same on every processor:
   for a few lanes costs more than the pass. What is `innermost` spares it that.
 * One process at a time in the cache. Numba reads a function's index, adds a name and writes it back
   without a lock (numba issue 4807): of two processes that compile at once, one could load what the
-  other had compiled for other types or another processor.
+  other had compiled for other types or another processor. And one process compiles a function;
+  those that need it at the same time (the workers of a pool) wait for it and load it.
 * One cache for one state of the sources. Numba compiles a kernel again when its own file changes,
   but not when a kernel that it calls changes in another file. The cache folder's name therefore
   holds a hash of all kernel sources: after an upgrade no old kernel can run.
@@ -31,9 +32,10 @@ from numba import njit
 from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
-__all__ = ["alone", "cache_folder", "innermost", "kernel", "kernel_for", "source_hash"]
+__all__ = ["cache_folder", "innermost", "kernel", "kernel_for", "source_hash"]
 
 _PACKAGES = ("estimator", "compensator", "benchmarks/families")
 _HASH_DIGITS = 16
@@ -115,10 +117,26 @@ def _compiled(function: _Function, signature: str | None, **options: Any) -> _Fu
         store._cache_file = _LockedIndex(  # type: ignore[no-untyped-call]
             store._cache_path, store._impl.filename_base, store._impl.locator.get_source_stamp()
         )
+        _compile_once(compiled, f"{Path(store._cache_path).name}-{store._impl.filename_base}")
         if signature is not None:
             compiled.compile(signature)
             compiled.disable_compile()
     return cast("_Function", compiled)
+
+
+def _compile_once(function: Dispatcher, name: str) -> None:
+    """Let one process at a time look for a compiled function and compile it.
+
+    No two can wait for each other: whoever compiles a function holds its lock and then those of
+    the functions that it calls, never the other way, and one thread of a process at a time.
+    """
+    load_or_compile = function.compile
+
+    def compile_alone(signature: Any) -> Any:
+        with global_compiler_lock, _alone(cache_folder() / f"{name}.lock"):
+            return load_or_compile(signature)
+
+    function.compile = compile_alone  # type: ignore[assignment, method-assign]
 
 
 class _LockedIndex(IndexDataCacheFile):
@@ -126,17 +144,17 @@ class _LockedIndex(IndexDataCacheFile):
 
     def save(self, key: object, data: object) -> None:
         """Keep what was compiled."""
-        with alone(cache_folder() / "lock"):
+        with _alone(cache_folder() / "lock"):
             super().save(key, data)  # type: ignore[no-untyped-call]
 
     def load(self, key: object) -> object:
         """Return what was compiled; None when it was not."""
-        with alone(cache_folder() / "lock"):
+        with _alone(cache_folder() / "lock"):
             return cast("object", super().load(key))  # type: ignore[no-untyped-call]
 
 
 @contextmanager
-def alone(lock: Path) -> Iterator[None]:
+def _alone(lock: Path) -> Iterator[None]:
     """Hold a lock among the processes of a machine; go on where there is none to be had."""
     with ExitStack() as held:
         if sys.platform != "win32":

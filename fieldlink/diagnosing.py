@@ -53,6 +53,10 @@ class DiagnosisError(FieldlinkError):
     """There is nothing that could be diagnosed."""
 
 
+_NAMED = 5
+"""Loops that a note names; the others are counted."""
+
+
 @dataclass(frozen=True, slots=True)
 class Columns:
     """Names of a file's columns and its period, where they are not the usual ones."""
@@ -70,7 +74,7 @@ class Plant:
     """Diagnoses of many loops and the groups among them.
 
     ``refused`` names what was not read, and why; ``signals`` are those by which groups were found;
-    ``notes`` say what limits the search for groups, in sentences.
+    ``notes`` say what limits the search for groups and how recordings were read, in sentences.
     """
 
     loops: Mapping[str, Diagnosis]
@@ -165,8 +169,8 @@ def diagnose_store(url: str, periods: Mapping[str, float], hours: float) -> Plan
     )
 
 
-_Answer = tuple[Diagnosis, LoopSignals] | str
-"""The diagnosis of a loop with its thinned signals, or why it was not read."""
+_Answer = tuple[Diagnosis, LoopSignals, tuple[str, ...]] | str
+"""The diagnosis of a loop, its thinned signals and notes; or why it was not read."""
 
 
 def _diagnose_all(places: Mapping[str, Any], work: Callable[[Any], _Answer]) -> Plant:
@@ -180,14 +184,15 @@ def _diagnose_all(places: Mapping[str, Any], work: Callable[[Any], _Answer]) -> 
     loops: dict[str, Diagnosis] = {}
     signals: dict[str, LoopSignals] = {}
     refused: dict[str, str] = {}
+    read: dict[str, tuple[str, ...]] = {}
     for name, answer in zip(places, answers, strict=True):
         if isinstance(answer, str):
             refused[name] = answer
         else:
-            loops[name], signals[name] = answer
+            loops[name], signals[name], read[name] = answer
     if not loops:
         raise DiagnosisError("\n".join(refused.values()) or "no loop given; name a file or folder")
-    notes = clock_notes(signals)
+    notes = (*clock_notes(signals), *_reading_notes(read))
     signals = _aligned(signals)
     groups = find_groups(signals, loops) if len(loops) > 1 else ()
     return Plant(loops, groups, refused, signals, notes)
@@ -198,7 +203,20 @@ def _one_file(path: Path, columns: Columns) -> _Answer:
         recording = read(path, columns)
     except FieldlinkError as error:
         return str(error)
-    return diagnose_recording(recording), _thinned(recording)
+    return diagnose_recording(recording), _thinned(recording), recording.notes
+
+
+def _reading_notes(notes: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """How recordings were read, each sentence once, with the names of those that it is about."""
+    about: dict[str, list[str]] = {}
+    for name, said in notes.items():
+        for note in said:
+            about.setdefault(note, []).append(name)
+    return tuple(
+        f"{', '.join(names[:_NAMED])}"
+        f"{f' and {len(names) - _NAMED} more' if len(names) > _NAMED else ''}: {note}"
+        for note, names in about.items()
+    )
 
 
 def _one_stored(place: tuple[str, float], url: str, since: datetime) -> _Answer:
@@ -246,7 +264,7 @@ def _one_stored(place: tuple[str, float], url: str, since: datetime) -> _Answer:
         notes=(),
         start=float(times[0]),
     )
-    return diagnose_recording(recording), _thinned(recording)
+    return diagnose_recording(recording), _thinned(recording), recording.notes
 
 
 def _thinned(recording: Recording) -> LoopSignals:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from fieldlink.file_at import why_no_file
 
-__all__ = ["tls_words"]
+__all__ = ["certificate_remedy", "tls_words"]
 
 _SAID = {
     "KEY_VALUES_MISMATCH": "the key does not belong to the certificate",
@@ -39,3 +39,24 @@ def tls_words(error: Exception, files: Iterable[Path] = ()) -> str:
     missing = ((file, why_no_file(file)) for file in files)
     named = next((f"{file}: {why}" for file, why in missing if why), None)
     return named or getattr(error, "strerror", None) or str(error)
+
+
+def certificate_remedy(error: Exception, ca: str) -> str:
+    """Return what to do about a peer's certificate that is refused; empty where it is not that.
+
+    Args:
+        error: as the ssl module raised it.
+        ca: the setting that names the authority's file.
+    """
+    if not isinstance(error, ssl.SSLCertVerificationError):
+        return ""
+    return _REMEDIES.get(error.verify_code, f"name the file of its authority in {ca}")
+
+
+_REMEDIES = {
+    9: "check this machine's clock",
+    10: "renew it there, or check this machine's clock",
+    62: "write the host as the certificate names it, or renew it with this name",
+    64: "write the host as the certificate names it, or renew it with this address",
+}
+"""By OpenSSL's X509_V_ERR: not valid yet, expired, another host name, another address."""

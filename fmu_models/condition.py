@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from fmpy.fmi1 import FMICallException
 
 from .errors import PlantClosedError, PlantEndedError, PlantStepError
@@ -9,6 +11,9 @@ from .instances import EndedError, StoppedError
 from .library import describe_refusal, is_fatal, last_words
 
 __all__ = ["PlantCondition"]
+
+_SHOWN = 5
+"""Names in a message."""
 
 
 class PlantCondition:
@@ -56,6 +61,16 @@ class PlantCondition:
         """Return the error of a start that was refused."""
         self.fatal = is_fatal(error)
         return self.fail(f"plant {self._name} refused to start: {describe_refusal(error)}")
+
+    def refuse_reading(self, error: FMICallException, outputs: Sequence[str]) -> PlantStepError:
+        """Return the error of an FMU that does not give its outputs once it has started."""
+        self.fatal = is_fatal(error)
+        more = ", ..." if len(outputs) > _SHOWN else ""
+        return self.fail(
+            f"plant {self._name} does not give its outputs ({', '.join(outputs[:_SHOWN])}{more}): "
+            f"{describe_refusal(error)}; where its library lacks one of them, description and "
+            "library are of two builds: export the FMU again as a whole"
+        )
 
     def refuse_step(
         self, error: FMICallException | StoppedError, time: float, period: float

@@ -70,7 +70,10 @@ class InProcessPlant(Plant):
             instance.start(write, self._base)
         except (FMICallException, StoppedError, EndedError) as error:
             raise self._condition.refuse_start(error) from error
-        self._outputs = self._variables.read_outputs(instance.fmu, self._base)
+        try:
+            self._outputs = self._variables.read_outputs(instance.fmu, self._base)
+        except FMICallException as error:
+            raise self._condition.refuse_reading(error, self._info.outputs) from error
 
     @property
     def info(self) -> PlantInfo:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections import deque
 from collections.abc import Callable, Sequence
 from ctypes import byref, c_int
@@ -111,6 +112,10 @@ def call_checked(fmu: Any, name: str, *arguments: Any) -> None:
         raise FMICallException(function=name, status=status)
 
 
+_BUILD = re.compile(r"(?i)guid|token")
+"""What FMUs speak of when the description beside them is another model's or another build's."""
+
+
 def load(
     description: Any,
     kind: str,
@@ -172,7 +177,13 @@ def load(
             raise RuntimeError("no instance was returned")
     except Exception as error:  # as above
         fmu.freeLibrary()
+        words = last_words()
+        remedy = (
+            "description and library are of two builds, so export the FMU again as a whole"
+            if _BUILD.search(words)
+            else "see to its licence and resources, and export it again as a whole"
+        )
         raise PlantFileError(
-            f"plant {description.modelName}: the FMU refused to be instantiated{last_words()}"
+            f"plant {description.modelName}: the FMU refused to be instantiated{words}; {remedy}"
         ) from error
     return fmu

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from .catalogue import CatalogueModel, LoopVariables, catalogue
 from .errors import PlantInputError, PlantNameError, nearest
@@ -131,7 +131,7 @@ class Sweep:
         if not self.random:
             return {}
         if self.design == "latin":
-            cube = qmc.LatinHypercube(
+            cube = scipy.stats.qmc.LatinHypercube(
                 len(self.random), rng=np.random.default_rng([self.seed, point])
             )
             parts = cube.random(self.runs)[place]

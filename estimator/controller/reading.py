@@ -111,6 +111,9 @@ _ROUNDED = 2.0
 rounding: some values repeat, and their errors do."""
 _ONE = 1e-9
 """Of a signal's span: values that are nearer are one."""
+_MEASURED = (1e-100, 1e100)
+"""Largest values of PV and error whose squares, and those of gains from them, are numbers. What
+lies outside was never measured: so look floats whose registers are in the other order."""
 _CANDIDATES = (
     ("p",), ("i",), ("p", "i"), ("p", "i", "d"), ("p", "i", "dpv"), ("i", "ppv"),
     ("p", "i", "f"), ("p", "i", "d", "f"), ("p", "i", "dpv", "f"),
@@ -138,7 +141,7 @@ def read_controller(
 
     Returns:
         The controller; None where OP does not answer the error: manual, a constant, or another
-        signal.
+        signal, or one that nobody can have measured (below 1e-100, above 1e100).
 
     Source: the regression is the textbook velocity form (Astrom and Hagglund, Advanced PID Control,
     2006, section 3.4); instruments against noise: Soderstrom and Stoica (1983).
@@ -205,6 +208,10 @@ def _prepare(
     span = float(np.ptp(u))
     if u.size < settings.least_rows or span <= 1e-9 * max(1.0, float(np.abs(u).max())):
         return None
+    for answered in (y, e):
+        largest = float(np.abs(answered).max())
+        if largest > _MEASURED[1] or 0.0 < largest < _MEASURED[0]:
+            return None
     rows = _usable(op, pv, auto, u)
     return _Given(u, y, e, rows) if int(rows.sum()) >= settings.least_rows else None
 

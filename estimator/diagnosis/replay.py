@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from compiled import kernel
 from estimator.arrays import Array
@@ -37,10 +37,10 @@ class Replay:
         b = np.concatenate([np.zeros(process.dead_time), process.b])
         a = np.array([1.0, *process.a])
         rest = float(stem[0])
-        left = np.asarray(pv - lfilter(b, a, stem - rest))
+        left = np.asarray(pv - scipy.signal.lfilter(b, a, stem - rest))
         if process.is_integrating:
             # a steady load ramps PV: it belongs to the rest of OP
-            ramp = np.asarray(lfilter(b, a, np.ones(stem.size)))
+            ramp = np.asarray(scipy.signal.lfilter(b, a, np.ones(stem.size)))
             design = np.stack([ramp, np.ones(stem.size)], axis=1)
             load = float(np.linalg.lstsq(design, left, rcond=None)[0][0])
             rest, left = rest - load, left - load * ramp

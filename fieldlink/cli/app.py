@@ -102,15 +102,20 @@ _add_examples(app)
 
 def main() -> None:
     """Run the command line and exit."""
+    from fieldlink.cli.full_output import flush_output, is_output_lost
+
     try:
-        app()
+        try:
+            app()
+        finally:
+            flush_output()
     except BrokenPipeError:
         # The reader of a pipe (head, less) closed it: not an error.
         sys.stderr.close()
     except Exception as error:
         from fieldlink.cli.errors import explain
 
-        if not explain(error):
+        if not is_output_lost(error) and not explain(error):
             raise
         raise SystemExit(2) from None
 

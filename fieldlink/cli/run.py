@@ -50,6 +50,10 @@ def plant(
     configure_logging()
     loaded = load_site(site)
     check_plants(loaded)
+    typer.echo(
+        "starting the plants; the first start on a machine compiles kernels for a minute or two",
+        err=True,
+    )
     if speed is not None and not speed > 0.0:
         raise typer.BadParameter("must be positive", param_hint="--speed")
 
@@ -112,10 +116,19 @@ def run(
 
 
 async def _live(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:
-    from fieldlink.daemon import Daemon, reload_on_hangup, stop_on_signals, supervised
+    from fieldlink.daemon import (
+        Daemon,
+        only_daemon,
+        reload_on_hangup,
+        stop_on_signals,
+        supervised,
+    )
     from fieldlink.opcua_server.serving import opcua_server
     from fieldlink.web import live_source, web_server
 
+    with only_daemon(site.data_dir):
+        # A second daemon is refused before it disturbs: its web port is the first one's, too.
+        pass
     daemon = Daemon(site, read_only=read_only, watch_files=True)
     with stop_on_signals() as stop, reload_on_hangup(daemon.reload_soon):
         async with (

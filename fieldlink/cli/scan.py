@@ -54,7 +54,10 @@ def scan(
     connect: Connect = Connect(),  # noqa: B008  (immutable)
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
-    """Find out which unit ids answer and which addresses can be read; nothing is written."""
+    """Find out which unit ids answer and which addresses can be read; nothing is written.
+
+    The exit status is 1 when no unit answers.
+    """
     from fieldlink.cli.tables import data_console
     from fieldlink.links.survey import SurveySettings, survey
 
@@ -92,6 +95,8 @@ def scan(
         _print_survey(data_console(highlight=False, soft_wrap=True), result)
     if out is not None:
         _write_map(found, result, out, errors)
+    if not result.units:
+        raise typer.Exit(1)
 
 
 def _write_map(found: Target, result: Survey, out: Path, errors: Console) -> None:

@@ -5,6 +5,7 @@ All timing lives here; numerics run in processes of their own, and HTTP and page
 
 from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Findings, Interval
 from fieldlink.daemon.estimation.pool import PoolReport, PoolSettings
+from fieldlink.daemon.installation import only_daemon
 from fieldlink.daemon.lockstep import LockstepRun
 from fieldlink.daemon.process_signals import reload_on_hangup, stop_on_signals
 from fieldlink.daemon.reporting.logs import configure_logging
@@ -33,6 +34,7 @@ __all__ = [
     "PoolSettings",
     "WritebackOutcome",
     "configure_logging",
+    "only_daemon",
     "reload_on_hangup",
     "stop_on_signals",
     "supervised",

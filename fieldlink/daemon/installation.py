@@ -92,6 +92,7 @@ def writer_identity(data_dir: Path) -> int:
     except (OSError, UnicodeDecodeError) as error:
         raise StoreError(
             f"the file {file} cannot be used: {getattr(error, 'strerror', 'it is not text')}; it "
-            "holds this installation's identity, and may be deleted while no daemon runs"
+            "holds this installation's identity, and may be deleted while no daemon runs; see to "
+            "free space"
         ) from error
     return identity

@@ -23,6 +23,7 @@ from fieldlink.notices.notice import Notice
 from fieldlink.printable import as_printable
 from fieldlink.secret import Secret
 from fieldlink.site.notify import MailSettings
+from fieldlink.tls_words import certificate_remedy, tls_words
 
 __all__ = ["MailReceiver"]
 
@@ -107,7 +108,7 @@ class MailReceiver:
                 return f"{self.where} did not answer within {STEP_PATIENCE:g} s"
             return f"{self.where} ended the connection before it took the mail"
         except ssl.SSLCertVerificationError as error:
-            return f"{self.where}: its certificate is refused, {error.verify_message}; set ca"
+            return f"{self.where}: {tls_words(error)}; {certificate_remedy(error, 'ca')}"
         except TimeoutError:
             return f"{self.where} did not answer within {STEP_PATIENCE:g} s"
         except socket.gaierror:

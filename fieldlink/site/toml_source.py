@@ -17,7 +17,7 @@ from fieldlink.site.errors import Problem, SiteError
 
 __all__ = ["Key", "TomlSource"]
 
-_PART = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
+_PART = r"""(?:[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|'[^']*')"""
 _PATH = rf"{_PART}(?:\s*\.\s*{_PART})*"
 _HEADER = re.compile(rf"^\s*(\[\[?)\s*({_PATH})\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(rf"^\s*({_PATH})\s*=")
@@ -139,4 +139,14 @@ def _find_lines(text: str) -> dict[Key, int]:
 
 
 def _split(path: str) -> Key:
-    return tuple(part.strip("\"'") for part in re.findall(_PART, path))
+    """Return the parts of a dotted key as the parser reads them, quotes and escapes resolved."""
+    try:
+        found: Any = tomllib.loads(f"{path} = 0")
+    except tomllib.TOMLDecodeError:
+        # The line of a text over several lines only looks like a key.
+        return (path,)
+    parts = []
+    while isinstance(found, dict):
+        ((part, found),) = found.items()
+        parts.append(part)
+    return tuple(parts)

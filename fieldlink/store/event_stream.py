@@ -8,7 +8,7 @@ from __future__ import annotations
 from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
 from fieldlink.store.errors import StoreError
 from fieldlink.store.records import EventRecord
 from fieldlink.store.schema import EVENTS
@@ -53,7 +53,7 @@ class EventStream:
         except SQLAlchemyError as error:
             raise StoreError(
                 f"the events in {shown(self._url)} cannot be read: {cause_of(error)}; "
-                "check that it is a Fieldlink historian"
+                f"{reading_advice(error)}"
             ) from error
         finally:
             engine.dispose()

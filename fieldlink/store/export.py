@@ -30,7 +30,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.spreadsheet import to_cell
-from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
 from fieldlink.store.errors import StoreError
 from fieldlink.store.schema import (
     AVERAGES,
@@ -125,8 +125,7 @@ def export(
         part.replace(target)
     except SQLAlchemyError as error:
         raise StoreError(
-            f"the historian {shown(url)} cannot be read: {cause_of(error)}; "
-            "check that it is a Fieldlink historian"
+            f"the historian {shown(url)} cannot be read: {cause_of(error)}; {reading_advice(error)}"
         ) from error
     except OSError as error:
         raise StoreError(

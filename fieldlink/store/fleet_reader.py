@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 from sqlalchemy import Column, Select, Table, inspect, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
 from fieldlink.store.errors import StoreError
 from fieldlink.store.last_findings import newest_of_findings
 from fieldlink.store.queries import frame_of
@@ -183,5 +183,5 @@ class FleetReader:
     def _problem(self, error: SQLAlchemyError) -> StoreError:
         return StoreError(
             f"the historian {shown(self._url)} cannot be read: {cause_of(error)}; "
-            "check that it is a Fieldlink historian"
+            f"{reading_advice(error)}"
         )

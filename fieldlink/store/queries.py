@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import Column, Float, Table, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import open_for_reading
+from fieldlink.store.database import open_for_reading, reading_advice
 from fieldlink.store.errors import StoreError
 from fieldlink.store.schema import AVERAGES, ESTIMATES, EVENTS, SAMPLES, SLOTS, WRITEBACKS
 
@@ -116,7 +116,7 @@ def _read(
         cause = getattr(error, "orig", None) or error
         raise StoreError(
             f"the historian {engine.url.render_as_string()} cannot be read: {cause}; "
-            "check that it is a Fieldlink historian"
+            f"{reading_advice(error)}"
         ) from error
     finally:
         engine.dispose()

@@ -1,4 +1,4 @@
-"""Reading a historian in a folder that may not be written: a mounted copy, an archive, a group's.
+"""Reading a historian in a folder that cannot be written: a mounted copy, an archive, a full disk.
 
 SQLite keeps two files beside a database with a write-ahead log, and makes them to read it. Where it
 cannot, and the log holds nothing, the file alone is the whole historian and is read as it is.
@@ -16,6 +16,9 @@ __all__ = ["is_read_alone", "refuse_hidden_rows"]
 _VERSIONS = slice(18, 20)
 """Bytes of the file's head that say how it is written and read; 2 is a write-ahead log."""
 
+_INDEX_BYTES = 32768
+"""The least size of a log's index (https://sqlite.org/walformat.html, section 1.4)."""
+
 
 def is_read_alone(file: Path) -> bool:
     """Whether a file must be, and can be, read without those beside it (``immutable=1``)."""
@@ -31,21 +34,35 @@ def refuse_hidden_rows(file: Path) -> None:
     if _lacks_index(file) and (rows := _log_of(file)):
         raise StoreError(
             f"the historian {file} cannot be read: its newest rows are in {file.name}-wal ({rows} "
-            f"bytes), and SQLite has to write to {file.parent} to read them, which is read-only; "
+            f"bytes), and SQLite has to write to {file.parent} to read them, which is "
+            f"{'full' if _may_be_written(file.parent) else 'read-only'}; "
             "copy both files to another folder, or read it where the daemon runs"
         )
 
 
 def _lacks_index(file: Path) -> bool:
     """Whether the log's index has to be made and cannot be; a daemon at work has made it."""
-    if os.access(file.parent, os.W_OK) or file.with_name(f"{file.name}-shm").exists():
-        return False
+    index = file.with_name(f"{file.name}-shm")
     try:
+        # A shorter one is what a full disk has left of an attempt to make it.
+        if index.exists() and index.stat().st_size >= _INDEX_BYTES:
+            return False
+        if _may_be_written(file.parent) and _free_bytes(file.parent) >= _INDEX_BYTES:
+            return False
         with file.open("rb") as stream:
             return stream.read(_VERSIONS.stop)[_VERSIONS] == b"\2\2"
     except OSError:
         # The reader says why it cannot be opened.
         return False
+
+
+def _may_be_written(folder: Path) -> bool:
+    return os.access(folder, os.W_OK)
+
+
+def _free_bytes(folder: Path) -> int:
+    disk = os.statvfs(folder)
+    return disk.f_bavail * disk.f_frsize
 
 
 def _log_of(file: Path) -> int:

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
+from fieldlink.tls_words import certificate_remedy, tls_words
 from fieldlink.upward.broker_settings import BrokerSettings
 from fieldlink.upward.errors import BrokerError, BrokerRefusalError, BrokerVersionError
 from fieldlink.upward.packets import Incoming, MqttVersion, Outgoing
@@ -105,10 +106,10 @@ class BrokerSession:
                 self._client.connect, settings.host, settings.port, settings.keepalive
             )
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
+            remedy = certificate_remedy(error, "mqtt.tls.ca")
             raise BrokerError(
-                f"no connection to the broker {settings.where}: {reason}; check that it runs, its "
-                "address and its certificates"
+                f"no connection to the broker {settings.where}: {tls_words(error)}; "
+                f"{remedy or 'check that it runs, its address, and whether its port is for TLS'}"
             ) from error
         self.was_reached = True
         self._client.loop_start()

@@ -10,7 +10,6 @@ those who may write there may give orders to the daemon anyway.
 from __future__ import annotations
 
 import hmac
-import os
 import secrets
 import time
 from ipaddress import ip_address
@@ -19,6 +18,7 @@ from pathlib import Path
 from starlette.requests import Request
 
 from fieldlink.errors import FieldlinkError
+from fieldlink.unfinished_file import write_whole
 
 __all__ = [
     "COOKIE",
@@ -122,17 +122,16 @@ def make_operator_token(data_dir: Path) -> Path:
     """
     file = data_dir / TOKEN_FILE
     try:
+        # An empty one is what a full disk has left of an attempt.
+        if file.exists() and file.stat().st_size:
+            return file
         data_dir.mkdir(mode=0o750, parents=True, exist_ok=True)
-        descriptor = os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
-    except FileExistsError:
-        return file
+        write_whole(file, f"{secrets.token_hex(16)}\n".encode("ascii"), mode=0o600)
     except OSError as error:
         raise FieldlinkError(
             f"the token for actions cannot be kept in {file}: {error.strerror}; make the data "
-            "directory writable, or name a web.token_file"
+            "directory writable and see to free space, or name a web.token_file"
         ) from error
-    with os.fdopen(descriptor, "w", encoding="ascii") as opened:
-        opened.write(secrets.token_hex(16) + "\n")
     return file
 
 

@@ -180,5 +180,40 @@ def test_processes_that_compile_at_once_keep_each_their_own(package: Path, tmp_p
     assert [kept.load(key) for key in keys] == keys
 
 
+COMPILE = """
+import sys, time
+from pathlib import Path
+from numba.core.dispatcher import _FunctionCompiler
+from estimator.caller import outer
+
+compile_it = _FunctionCompiler.compile
+
+def slowly(self, args, return_type):
+    (folder / f"{self.py_func.__name__}-{name}").touch()
+    time.sleep(0.2)
+    return compile_it(self, args, return_type)
+
+_FunctionCompiler.compile = slowly
+folder, name, other = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
+(folder / name).touch()
+while not (folder / other).exists():
+    time.sleep(0.001)
+assert outer(1.0) == 20.0
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such lock there")
+def test_one_of_the_processes_that_need_a_kernel_compiles_it(package: Path, tmp_path: Path) -> None:
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", COMPILE, str(tmp_path)]
+    running = [
+        subprocess.Popen([*command, *names], cwd=package, env=env)
+        for names in (("one", "other"), ("other", "one"))
+    ]
+    assert [process.wait(120) for process in running] == [0, 0]
+    for function in ("outer", "inner"):
+        assert len(list(tmp_path.glob(f"{function}-*"))) == 1
+
+
 def test_every_kernel_has_the_locked_index() -> None:
     assert isinstance(dot._cache._cache_file, _LockedIndex)

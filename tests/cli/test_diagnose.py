@@ -55,6 +55,7 @@ def test_a_folder_says_what_to_do_and_that_hours_differ(tmp_path: Path) -> None:
             f"2026-03-0{day}T{k // 60:02d}:{k % 60:02d}:00,{value:.6f}"
             for k, value in enumerate(wave)
         )
+        rows += "\n2026-03-02T10:00:00,bad" if day == 2 else ""
         (tmp_path / f"FC{day}.csv").write_text(f"time,op\n{rows}\n")
     result = CliRunner().invoke(app, ["diagnose", str(tmp_path)])
     assert result.exit_code == 0, result.output
@@ -62,6 +63,7 @@ def test_a_folder_says_what_to_do_and_that_hours_differ(tmp_path: Path) -> None:
     assert "no two loops share any hours" in text
     assert "no loops were found to swing together" in text
     assert "→ Give PV" in text
+    assert "FC2: op: 'bad' in 1 row" in text
 
 
 def test_an_empty_folder_is_one_sentence(fieldlink: Run, tmp_path: Path) -> None:

@@ -58,6 +58,22 @@ def test_a_new_file_that_does_not_fit_is_not_in_the_way(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["vendor.csv"]
 
 
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_output_that_does_not_fit_is_one_sentence(unbuffered: str) -> None:
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": unbuffered}
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "fieldlink.cli", "schema"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=env,
+        )
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "the output cannot be written completely (No space left on device)" in line
+
+
 @pytest.mark.parametrize("linked", [False, True])
 def test_what_is_read_is_not_written_over(tmp_path: Path, linked: bool) -> None:
     recording = tmp_path / "FC202.csv"

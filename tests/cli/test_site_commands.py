@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
+from fieldlink.daemon import only_daemon
 from fieldlink.store import read_events
 from tests.cli.conftest import SCRIPT, Run
 
@@ -134,12 +135,25 @@ def test_run_polls_an_opcua_server_by_the_clock(
         assert f"event=device.demoted source={name}" in result.stderr
 
 
+def test_a_second_daemon_is_refused_before_it_says_anything_else(
+    fieldlink: Run, demo_site: Path
+) -> None:
+    # Its web port would be the first one's, too.
+    with only_daemon(demo_site.parent / "data"):
+        result = fieldlink("run", demo_site)
+    assert result.returncode == 2
+    (line,) = result.stderr.splitlines()
+    assert "in use by process" in line
+
+
 def test_sigterm_loses_nothing(demo_site: Path) -> None:
     text = demo_site.read_text()
     plant = _start("plant", demo_site, "--port", "0")
     daemon = None
     try:
         assert plant.stdout is not None
+        assert plant.stderr is not None
+        assert plant.stderr.readline().startswith("starting the plants")
         served = plant.stdout.readline()
         port = served.split("127.0.0.1:")[1].split()[0]
         demo_site.write_text(text.replace("port = 5020", f"port = {port}"))

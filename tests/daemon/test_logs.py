@@ -44,6 +44,36 @@ def test_lines_and_secrets() -> None:
         assert secret not in result.stderr
 
 
+FULL = textwrap.dedent(
+    r"""
+    import os
+    import structlog
+    from fieldlink.daemon import configure_logging
+    configure_logging()
+    log = structlog.get_logger()
+    kept = os.dup(2)
+    full = os.open("/dev/full", os.O_WRONLY)
+    os.dup2(full, 2)
+    for n in range(500):
+        log.info("lost", n=n, filling="x" * 100)
+    os.dup2(kept, 2)
+    log.info("room_again")
+    print("went on")
+    """
+)
+
+
+def test_a_log_on_a_full_disk_ends_nothing_and_says_what_is_missing() -> None:
+    result = subprocess.run([sys.executable, "-c", FULL], capture_output=True, text=True)
+    assert (result.returncode, result.stdout) == (0, "went on\n")
+    lines = result.stderr.splitlines()
+    (told,) = [line for line in lines if "event=log.lost" in line]
+    missing = int(told.split("lines=")[1].split()[0])
+    assert 490 <= missing <= 500
+    assert 'error="No space left on device"' in told
+    assert "event=room_again" in lines[-1]
+
+
 @pytest.mark.parametrize(
     "text",
     [

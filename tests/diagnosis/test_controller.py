@@ -128,3 +128,13 @@ def test_a_process_that_answers_at_once_is_no_controller_that_is_late() -> None:
             pv = lfilter([0.0, 1.0 - pole], [1.0, -pole], op - 50.0)
             assert find_shift(op, pv + 0.1 * rng.standard_normal(800), None) == 0
             assert find_shift(op, pv + 0.1 * rng.standard_normal(800), None, 1.0) == 0
+
+
+@pytest.mark.parametrize("size", [1e-320, 1e-310, 1e-160, 1e160, 1e300])
+def test_values_that_nobody_can_have_measured_have_no_controller(size: float) -> None:
+    """So look floats whose registers are in the other order; warnings are errors here."""
+    pv = np.cumsum(np.random.default_rng(1).normal(size=400))
+    op = 50.0 - 0.5 * pv - 0.02 * np.cumsum(pv)
+    assert read_controller(op, pv, np.zeros(400)) is not None
+    assert read_controller(op, size * pv, np.zeros(400)) is None
+    assert read_controller(op, size * pv) is None

@@ -103,7 +103,7 @@ def served(words: list[str], folder: Path) -> Iterator[None]:
 
     A PLC is ready when it has printed where it listens, a daemon when its PLC has answered.
     """
-    ready = "device.good" if words[1] == "run" else ""
+    ready = "device.good" if words[1] == "run" else "serving "
     command = [str(PROGRAM), *words[1:]]
     process = subprocess.Popen(
         command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -118,6 +119,24 @@ def test_library_of_another_model(altered: Alter, isolated: bool) -> None:
 
     with pytest.raises(PlantFileError, match=r"refused to be instantiated: .*is not that of this"):
         open_plant(altered(fmu_path("example1"), swap), isolated=isolated)
+
+
+@pytest.mark.parametrize("isolated", [True, False])
+def test_a_library_of_another_build_is_told_with_the_remedy(
+    faulty: Path, altered: Alter, isolated: bool
+) -> None:
+    def exchange(pattern: bytes, by: bytes) -> Callable[[str, bytes], bytes]:
+        return lambda name, content: (
+            re.sub(pattern, by, content) if name == "modelDescription.xml" else content
+        )
+
+    other_token = exchange(rb'(guid|instantiationToken)="[^"]*"', rb'\1="{dead}"')
+    with pytest.raises(PlantFileError, match=r"of two builds, so export the FMU again as a whole"):
+        open_plant(altered(faulty, other_token), isolated=isolated)
+    # PV is the library's third variable.
+    lacking = exchange(rb'valueReference="2"', rb'valueReference="903"')
+    with pytest.raises(PlantStepError, match=r"does not give its outputs \(pv, steps.*: export"):
+        open_plant(altered(faulty, lacking), isolated=isolated)
 
 
 def test_no_library_for_this_platform(altered: Alter) -> None:

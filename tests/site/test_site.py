@@ -163,6 +163,7 @@ def test_the_schema_agrees_with_the_loader_on_the_shipped_sites() -> None:
         (("loops", "FC 1", "plant", "seed"), 10),
         (("loops", "FC 1", "missing"), 4),
         (("devices",), None),
+        (("loops", 'the "new" é.1', "period"), 12),
     ],
 )
 def test_lines_of_keys(key: tuple[str | int, ...], line: int | None, tmp_path: Path) -> None:
@@ -178,6 +179,9 @@ def test_lines_of_keys(key: tuple[str | int, ...], line: int | None, tmp_path: P
         "  [5, 2],\n"
         "]\n"
         "plant.seed = 1\n"
+        '[loops."the \\"new\\" \\u00e9.1"]\n'
+        '"per\\u0069od" = 1\n',
+        encoding="utf-8",
     )
     assert TomlSource(path).line_of(key) == line
 

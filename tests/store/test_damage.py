@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -89,3 +91,21 @@ def test_a_file_of_somebodys_is_left_alone(file: Path) -> None:
         Historian(f"sqlite:///{file}", QUICK).start(OPENED)
     assert file.read_text().startswith("the minutes")
     assert set_aside(file) == []
+
+
+def test_each_cause_for_which_a_store_is_not_read_has_its_remedy(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path}/history.sqlite"
+    historian = Historian(url)
+    historian.start(OPENED)
+    historian.stop()
+    with closing(sqlite3.connect(tmp_path / "history.sqlite")) as other:
+        other.execute("pragma locking_mode = exclusive")
+        other.execute("update events set message = 'x'")
+        other.commit()
+        with pytest.raises(StoreError, match="database is locked; another program holds it"):
+            read_events(url)
+    content = bytearray((tmp_path / "history.sqlite").read_bytes())
+    content[8192:] = b"\xa5" * len(content[8192:])
+    (tmp_path / "history.sqlite").write_bytes(content)
+    with pytest.raises(StoreError, match=r"malformed; it is damaged: .* \.recover"):
+        read_events(url)

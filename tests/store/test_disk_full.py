@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import resource
+import shutil
+import sqlite3
 import subprocess
 import sys
 import textwrap
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
 
 from fieldlink.daemon.installation import is_in_use, only_daemon
+from fieldlink.errors import FieldlinkError
 from fieldlink.store import (
     EventRecord,
     Historian,
@@ -22,6 +25,7 @@ from fieldlink.store import (
     read_events,
     read_samples,
 )
+from fieldlink.web.access import make_operator_token
 
 OPENED = EventRecord(1_795_262_400_000, "start", "daemon", "started")
 
@@ -49,6 +53,40 @@ def test_a_daemon_that_begins_on_a_full_disk_says_so(small_disk: Path) -> None:
         with pytest.raises(StoreError, match="disk is full"):
             Historian(f"sqlite:///{small_disk}/history.sqlite").start(OPENED)
         assert is_in_use(small_disk)
+
+
+def test_a_store_is_read_on_a_full_disk_though_its_log_cannot_be_indexed(
+    small_disk: Path, tmp_path: Path
+) -> None:
+    url = f"sqlite:///{small_disk}/history.sqlite"
+    historian = Historian(url)
+    historian.start(OPENED)
+    historian.put(sample(0))
+    historian.stop()
+    fill_up(small_disk / "ballast")
+    for _ in range(2):
+        assert read_samples(url)["pv"].tolist() == [2.0]
+    # As the attempt of another program leaves it.
+    (small_disk / "history.sqlite-shm").touch()
+    assert len(read_events(url)) == 1
+    shutil.copy(small_disk / "history.sqlite", tmp_path)
+    with closing(sqlite3.connect(tmp_path / "history.sqlite")) as other:
+        other.execute("update samples set pv = 3")
+        other.commit()
+        (small_disk / "ballast").unlink()
+        shutil.copy(tmp_path / "history.sqlite-wal", small_disk)
+    fill_up(small_disk / "ballast")
+    with pytest.raises(StoreError, match=r"history.sqlite-wal .* which is full; copy both"):
+        read_samples(url)
+
+
+def test_a_token_that_does_not_fit_is_drawn_when_there_is_room(small_disk: Path) -> None:
+    fill_up(small_disk / "ballast")
+    with pytest.raises(FieldlinkError, match="No space left on device"):
+        make_operator_token(small_disk)
+    (small_disk / "operator-token").touch()
+    (small_disk / "ballast").unlink()
+    assert len(make_operator_token(small_disk).read_text().strip()) == 32
 
 
 def test_sampling_goes_on_and_what_is_lost_is_said(small_disk: Path) -> None:

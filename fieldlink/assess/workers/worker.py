@@ -179,23 +179,16 @@ def _bound_memory(limit: int) -> None:
 
 
 def _warm_up() -> str:
-    """Compile the kernels or load them; one process of a machine does it, the others wait.
-
-    Returns the hash of their sources.
-    """
-    from compiled import alone, cache_folder, source_hash
-
-    folder = cache_folder()
-    with alone(folder / "assess.lock"):
-        import estimator
-
-        estimator.warm_up()
+    """Compile the kernels or load them, and return the hash of their sources."""
     import compiled
+    import estimator
+
+    estimator.warm_up()
 
     # what stays for good is not looked through again by each collection of garbage
     gc.collect()
     gc.freeze()
-    return source_hash(Path(compiled.__file__).resolve().parent)
+    return compiled.source_hash(Path(compiled.__file__).resolve().parent)
 
 
 if __name__ == "__main__":

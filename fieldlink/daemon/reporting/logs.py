@@ -46,7 +46,7 @@ def configure_logging(level: int = logging.INFO) -> None:
         ],
         wrapper_class=structlog.make_filtering_bound_logger(level),
         # looked up at every event: who replaces stderr gets what follows
-        logger_factory=lambda *_: structlog.PrintLogger(sys.stderr),
+        logger_factory=lambda *_: _LINES,
         cache_logger_on_first_use=False,
     )
     logging.basicConfig(
@@ -55,6 +55,36 @@ def configure_logging(level: int = logging.INFO) -> None:
     logging.getLogger().handlers[0].addFilter(_without_secrets)
     logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
     logging.getLogger("apscheduler").setLevel(logging.CRITICAL)
+
+
+class _Lines:
+    """Writes lines to stderr; a log that cannot be written ends nothing.
+
+    Lines that were lost, on a full disk or with a reader of the pipe that is gone, are counted and
+    said as soon as a line can be written again.
+    """
+
+    def __init__(self) -> None:
+        self._lost = 0
+        self._why = ""
+
+    def msg(self, line: str) -> None:
+        """Write one line."""
+        if self._lost:
+            line = f'level=warning event=log.lost lines={self._lost} error="{self._why}"\n{line}'
+        try:
+            print(line, file=sys.stderr, flush=True)
+        except OSError as error:
+            self._lost += 1
+            self._why = error.strerror or type(error).__name__
+        else:
+            self._lost = 0
+
+    log = debug = info = warn = warning = msg
+    fatal = failure = err = error = critical = exception = msg
+
+
+_LINES = _Lines()
 
 
 def _one_line(_: object, __: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 
+from fieldlink.daemon.writeback.bank_differences import describe_differences
 from fieldlink.daemon.writeback.candidate import Candidate
 from fieldlink.daemon.writeback.exchange_io import ControlWords, Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
@@ -121,10 +122,9 @@ class Handover:
         except LinkError as error:
             return begun.became(WritebackOutcome.WRITE_FAILED, str(error))
         if back != words:
-            differing = [i for i, (a, b) in enumerate(zip(words, back, strict=True)) if a != b]
             return begun.became(
                 WritebackOutcome.READBACK_DIFFERS,
-                f"{len(differing)} registers differ, the first at offset {differing[0]}",
+                describe_differences(words, back, begun.bank_before),
             )
         try:
             control = await self._exchange.control()
@@ -156,6 +156,16 @@ class Handover:
             None if record.bank_before is None else tuple(record.bank_before),
             None if record.active_before is None else tuple(record.active_before),
         )
+
+    async def differences(self, attempt: Attempt) -> str:
+        """Say how the bank of a committed attempt differs from what was written; empty: not.
+
+        Raises:
+            LinkError: the bank could not be read.
+        """
+        assert attempt.words is not None
+        assert attempt.bank is not None
+        return describe_differences(attempt.words, await self._exchange.bank(attempt.bank))
 
     async def look_back(self, attempt: Attempt, control: ControlWords) -> Attempt:
         """Return what the PLC shows of an attempt that another process had begun.

@@ -76,7 +76,7 @@ class SoleWriter:
 
     def look(self, control: ControlWords, now: float) -> Standing:
         """Judge what was read at plant second ``now``."""
-        self._watch_own(control.heartbeat, now)
+        self._watch_own(control, now)
         if self.standing is Standing.CONTESTED:
             return self.standing
         if control.writer == self._identity:
@@ -141,8 +141,9 @@ class SoleWriter:
         since = self._unkept_since
         return since is not None and now - since > HEARTBEAT_TIMEOUT
 
-    def _watch_own(self, heartbeat: int, now: float) -> None:
-        if not self._beats or heartbeat == self._beats[-1]:
+    def _watch_own(self, control: ControlWords, now: float) -> None:
+        # Nothing is written without the enable bit, so nothing has to be kept then.
+        if not self._beats or not control.enabled or control.heartbeat == self._beats[-1]:
             self._unkept_since = None
         elif self._unkept_since is None:
             self._unkept_since = now

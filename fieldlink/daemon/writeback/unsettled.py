@@ -12,9 +12,22 @@ from fieldlink.daemon.writeback.exchange_io import ControlWords
 from fieldlink.daemon.writeback.handover import Handover
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.writeback.waiting import Waiting
+from fieldlink.links import LinkError
 from fieldlink.registers import BlockFault, commit_word
 
 __all__ = ["Unsettled"]
+
+_NO_WHOLE_BLOCK = frozenset(
+    fault.code
+    for fault in (
+        BlockFault.EMPTY,
+        BlockFault.MAGIC,
+        BlockFault.VERSION,
+        BlockFault.CRC,
+        BlockFault.SEQ_TORN,
+    )
+)
+"""Answers of a PLC to registers that are not the block as it was written."""
 
 
 class Unsettled:
@@ -86,11 +99,14 @@ class Unsettled:
             self._report(found)
         return committed
 
-    def look_for_answer(self, control: ControlWords, now: float) -> None:
+    async def look_for_answer(self, control: ControlWords, now: float) -> None:
         """Take the PLC's answer to a committed block."""
         found = self._acknowledgement.look(control, now)
         if found is None:
             return
+        spoilt = ""
+        if found.outcome is WritebackOutcome.REJECTED and control.ack_result in _NO_WHOLE_BLOCK:
+            found, spoilt = await self._look_at_bank(found)
         if found.outcome is WritebackOutcome.ACCEPTED and found.block is not None:
             self._use.in_force.accept(found.block, now)
             # What a failed commit left waiting has arrived after all.
@@ -99,11 +115,31 @@ class Unsettled:
             if control.ack_result == BlockFault.NOT_ENABLED.code:
                 # Not the finding was refused: it is judged again and gets a new number.
                 self._wait_again(found.candidate, WritebackOutcome.NOT_ENABLED)
-            elif found.candidate.withdrawal:
+            elif found.candidate.withdrawal or (spoilt and not found.candidate.was_offered):
                 self._offer_again(found)
         elif found.candidate.withdrawal and not _is_committed(found, control):
             self._offer_again(found)
         self._report(found)
+
+    async def _look_at_bank(self, rejected: Attempt) -> tuple[Attempt, str]:
+        """Find out who is to blame for a block that the PLC could not read.
+
+        Returns:
+            The attempt with that as part of its reason, and how the bank differs from what was
+            written; empty when it does not.
+        """
+        spoilt = ""
+        try:
+            spoilt = await self._handover.differences(rejected)
+        except LinkError as error:
+            found = f"the bank could not be read again: {error}"
+        else:
+            found = (
+                f"since the commit another client or the PLC's program wrote to the bank: {spoilt}"
+                if spoilt
+                else "the bank holds what was written: compare the PLC's block reader with ours"
+            )
+        return rejected.became(rejected.outcome, f"{rejected.reason}; {found}"), spoilt
 
     def _wait_again(self, candidate: Candidate, why: WritebackOutcome) -> None:
         """Let a candidate wait for another attempt, unless a newer one waits."""
@@ -111,7 +147,10 @@ class Unsettled:
             self._waiting.put(candidate, why)
 
     def _offer_again(self, attempt: Attempt) -> None:
-        """Let a withdrawal wait that the PLC has not taken: the block before it is in force."""
+        """Let wait what the PLC has not taken: a withdrawal, or a block that somebody has spoilt.
+
+        The block before it is in force.
+        """
         self._wait_again(replace(attempt.candidate, was_offered=True), attempt.outcome)
 
 

@@ -47,9 +47,19 @@ __all__ = ["BlockWriter", "Receipt"]
 RETRY = 30.0
 """Plant seconds after an attempt that failed before its commit, or the interval if that is less."""
 
+RETRY_AT_MOST = 600.0
+"""Plant seconds to which that pause grows, twofold with each further failure: what has failed all
+morning is not cured by a try every half minute, and each try leaves rows in the store."""
+
 _UNHEARD = (
     "the heartbeat register does not keep what is written, so the PLC uses no block; look for a "
     "program that writes it, and at the register's address"
+)
+
+_LOST = (
+    "and the PLC acknowledges none now, as after a restart without RETAIN; it controls without "
+    "compensation until the next block; let it keep ack_seq, ack_result, active_bank and "
+    "ack_commit over a restart"
 )
 
 
@@ -119,6 +129,7 @@ class BlockWriter:
             report,
         )
         self._not_before = -math.inf
+        self._failures = 0
         self._unanswered = ""
         self._next_look: float | None = None
 
@@ -255,8 +266,10 @@ class BlockWriter:
                         f"{control.disagreement}; nothing is written there: check the base or the "
                         "addresses of the exchange area",
                     )
+            had = self._use.in_force.valve(now)
             if await self._use.in_force.look(self._exchange, control, now):
                 self._heed_a_withdrawn_block()
+                self._notice_a_lost_block(had, control)
         except LinkError as error:
             self._unanswered = f"{WritebackOutcome.UNREACHABLE.advice}: {error.what}"
             self._waiting.explain(WritebackOutcome.UNREACHABLE, str(error))
@@ -270,7 +283,7 @@ class BlockWriter:
             self._told.tell("writeback.uncontested", self._permission.sole.relief)
         if await self._unsettled.look_back(control):
             self._not_before = now + self._settings.min_interval
-        self._unsettled.look_for_answer(control, now)
+        await self._unsettled.look_for_answer(control, now)
         before = self._use.in_use
         unheard = self._permission.sole.is_unheard(now)
         if unheard:
@@ -312,6 +325,13 @@ class BlockWriter:
             self._permission.sole.start_again()
         self._told.forget_all()
 
+    def _notice_a_lost_block(self, had: ParameterBlock | None, control: ControlWords) -> None:
+        """Report that the PLC has forgotten the block in force, as a restart makes it."""
+        if control.ack_seq != 0:
+            self._told.forget("writeback.lost")
+        elif had is not None:
+            self._told.tell("writeback.lost", f"block {had.seq} was in force, {_LOST}")
+
     def _heed_a_withdrawn_block(self) -> None:
         """Write nothing over a withdrawn block, whichever process wrote it, unasked."""
         block = self._use.in_force.block
@@ -328,7 +348,10 @@ class BlockWriter:
         if done.outcome in (WritebackOutcome.COMMITTED, WritebackOutcome.COMMIT_FAILED):
             self._unsettled.expect(done)
             self._not_before = now + interval
+            self._failures = 0
         else:
-            self._not_before = now + self._retry
+            pause = self._retry * 2.0 ** min(self._failures, 16)
+            self._not_before = now + min(pause, RETRY_AT_MOST)
+            self._failures += 1
         self._waiting.note_end(done)
         self._report(done)

@@ -1,0 +1,145 @@
+"""What is told where no cause is: the loop is quiet, or why its cause does not show."""
+
+from __future__ import annotations
+
+import math
+
+from estimator.diagnosis.gathered import Gathered
+from estimator.diagnosis.result import Cause, CauseName
+from estimator.diagnosis.settings import DiagnosisSettings
+from estimator.diagnosis.slow_causes import (
+    headroom_words,
+    is_read,
+    is_surely_slow,
+    slow_or_not,
+    too_long,
+)
+from estimator.diagnosis.swing_causes import is_aperiodic
+
+__all__ = ["tell_no_cause", "tell_unproven"]
+
+
+def tell_no_cause(found: Gathered, settings: DiagnosisSettings) -> Cause:
+    """No cause was told: the loop is quiet, or it swings and the record does not show why."""
+    swing = found.swing
+    if found.still >= settings.judging.by_hand:
+        text = (
+            f"OP stands still for long in {found.still:.0%} of the record and does not answer the "
+            f"control error: a hand holds it, or its moves are too few to show the controller"
+        )
+        return Cause(
+            CauseName.UNDETERMINED, 0.0, (text,), "Record the controller's mode, or record longer."
+        )
+    # the loop is only known not to make it where the process shows
+    shows = found.explained is not None and found.explained.process >= settings.judging.threshold
+    shows &= is_read(found, settings)
+    if not swing.present or (shows and is_aperiodic(found, settings)):
+        return _at_rest(found, settings)
+    return _swinging(found, settings, shows=shows)
+
+
+def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
+    """Nothing oscillates: the loop is quiet, or it may be slow."""
+    swing = found.swing
+    if not found.has_pv:
+        return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
+                     "Give PV and SP of the same hours.")  # fmt: skip
+    if found.drawn is not None:
+        text = "nothing oscillates; whether the loop is slow or tight does not show"
+        return Cause(CauseName.UNDETERMINED, 0.0, (text, found.drawn.text), found.drawn.advice)
+    if found.controller is None or not (found.controller.integral_rate or is_read(found, settings)):
+        # a gain that explains little of OP's moves tells no controller
+        text = (
+            "nothing oscillates, and OP does not answer the control error: a hand moves it, or "
+            "it is not of the controller of this PV"
+        )
+        return Cause(
+            CauseName.UNDETERMINED, 0.0, (text,),
+            "Record the controller's mode, and check that OP and PV are of one loop.",
+        )  # fmt: skip
+    if is_surely_slow(found, settings):
+        words = (headroom_words(found, settings),)
+        return Cause(CauseName.SLOW_TUNING, too_long(settings), words)
+    slow = found.controller.integral_time_s
+    if settings.judging.seen * found.duration_s < slow < math.inf:
+        text = f"nothing oscillates; the integral time ({slow:.4g} s) is too long for the record"
+        return Cause(
+            CauseName.UNDETERMINED, 0.0, (text,),
+            "Give a record of ten integral times and more: it shows whether the loop is slow.",
+        )  # fmt: skip
+    if found.explained is not None and found.explained.sticking > 0.0:
+        # nothing is wrong that shows, but a valve that sticks is likelier than not
+        return tell_unproven(found, settings)
+    unclear = slow_or_not(found, settings)
+    if unclear is not None:
+        return unclear
+    evidence = ["nothing oscillates, and no cause explains a twentieth of the control error"]
+    if swing.present:
+        evidence = [
+            f"disturbances without a period make what looks like an oscillation of "
+            f"{swing.period_s:.4g} s (regularity {swing.regularity:.2g}); no cause explains a "
+            f"twentieth of the control error"
+        ]
+    return Cause(CauseName.QUIET, 1.0, tuple(evidence))
+
+
+def _swinging(found: Gathered, settings: DiagnosisSettings, *, shows: bool) -> Cause:
+    """The loop swings and nothing tells why; ``shows``: whether its process does."""
+    swing = found.swing
+    if found.explained is not None and found.explained.sticking > settings.judging.unsure:
+        return tell_unproven(found, settings)
+    evidence = [
+        f"there is an oscillation with a period of {swing.period_s:.4g} s "
+        f"({swing.cycles:.1f} periods, regularity {swing.regularity:.2g})"
+    ]
+    action = ""
+    if not found.has_pv:
+        evidence.append("PV is not given: OP alone does not tell the cause")
+        action = "Give PV and SP of the same hours."
+    elif found.explained is not None and found.explained.reasons:
+        evidence += [reason.text for reason in found.explained.reasons]
+        action = found.explained.reasons[0].advice
+    elif found.controller is None:
+        evidence.append("OP does not answer the control error: no controller can be read off")
+    elif not is_read(found, settings):
+        evidence.append(
+            f"the controller's settings as read off explain {found.controller.explained:.0%} of "
+            f"OP's moves: too little to tell whether the loop swings by itself"
+        )
+        action = "Record OP and PV of the same scan, every scan, as the controller has them."
+    else:
+        evidence.append(_tight_or_outside(found, shows=shows))
+    return Cause(CauseName.UNDETERMINED, swing.share, tuple(evidence), action)
+
+
+def _tight_or_outside(found: Gathered, *, shows: bool) -> str:
+    """Why neither is told to make the oscillation; ``shows``: whether the process does."""
+    if not shows:
+        return (
+            "PV hardly follows OP in this record, so whether the loop or the outside makes it does "
+            "not show"
+        )
+    here, _ = found.amplification()
+    return f"a tight loop (amplification {here:.2g}) and a wave from outside explain it alike"
+
+
+def tell_unproven(found: Gathered, settings: DiagnosisSettings) -> Cause:
+    """Say that a valve that sticks is likelier than not, and what would show it."""
+    one = found.explained
+    assert one is not None
+    text = (
+        f"a sticky valve explains PV better than any other explanation (log Bayes factor "
+        f"{one.sticking:.0f}), "
+    )
+    if one.sticking < settings.judging.threshold:
+        text += f"but {settings.judging.threshold:g} are needed"
+    else:
+        text += "but too few strokes of the record show it"
+    if math.isfinite(one.spread):
+        text += f" (log Bayes factor without the part that shows it best: {one.spread:.0f})"
+    return Cause(
+        CauseName.UNDETERMINED,
+        found.swing.share if found.swing.present else 0.0,
+        (text,),
+        "Record longer, or move OP in small steps in manual and see when PV follows.",
+    )
