@@ -36,7 +36,7 @@ from estimator.hypotheses.uneven_wave import UnevenWave
 from estimator.processes.poles import Poles, Shape
 from estimator.search.processes import polish
 
-__all__ = ["fit_piecewise_loads", "load_starts", "outline_load", "without_load"]
+__all__ = ["fit_piecewise_loads", "outline_load", "without_load"]
 
 _LAGS, _DEAD_TIMES = (3.0, 8.0, 20.0), (1, 6)
 """Lags and dead times, in samples, with which it is looked for beside those of the starts."""
@@ -69,7 +69,7 @@ def fit_piecewise_loads(
     as ``least`` before their process is fitted are left out.
     """
     found: list[Hypothesis] = []
-    for start, taps in load_starts(case, starts, valve):
+    for start, taps in _starts(case, starts, valve):
         for enters in (True, False):
             load = _best_load(case, start, taps, enters)
             if load is not None:
@@ -79,13 +79,10 @@ def fit_piecewise_loads(
     return sorted(ends, key=lambda one: -round(one.likelihood, 6))
 
 
-def load_starts(
+def _starts(
     case: Case, starts: tuple[Hypothesis, ...], valve: bool
 ) -> Iterator[tuple[Hypothesis, Array]]:
-    """Processes to look for a load with, each with a noise model.
-
-    Those of the ``starts``, and without a sticky ``valve`` of some lags and dead times.
-    """
+    """Processes to begin from, each with a noise model."""
     if valve:
         for one in starts:
             yield one, one.taps
@@ -139,12 +136,12 @@ def _best_load(case: Case, of: Hypothesis, taps: Array, at_valve: bool) -> Piece
     return PiecewiseLoad(corners, of.poles if at_valve else None) if corners else None
 
 
-def outline_load(case: Case, of: Hypothesis, taps: Array, at_valve: bool, price: float) -> Array:
+def outline_load(case: Case, of: Hypothesis, at_valve: bool, price: float) -> Array:
     """The course ``(n,)`` of the load that takes most from PV where a corner costs ``price`` nats.
 
     It enters at the valve or at PV; zero where no corner is worth that.
     """
-    return course_of_corners(_corners(case, of, taps, at_valve, price), case.rows.size)
+    return course_of_corners(_corners(case, of, of.taps, at_valve, price), case.rows.size)
 
 
 def _corners(

@@ -16,7 +16,7 @@ import numpy as np
 from compiled import kernel
 from estimator.algebra import dot, filter_rows, project_out, solve_spd
 from estimator.arrays import Array, Index
-from estimator.evidence.piecewise_loads import load_starts, outline_load, without_load
+from estimator.evidence.piecewise_loads import outline_load, without_load
 from estimator.evidence.turns_by_chance import (
     inverse_of,
     precision_of,
@@ -25,12 +25,13 @@ from estimator.evidence.turns_by_chance import (
 )
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import left_of_pv
+from estimator.hypotheses.noise import DRIFT_AND_NOISE
 from estimator.hypotheses.piecewise_load import NO_PROCESS
 from estimator.hypotheses.uneven_wave import UnevenWave, course_of, slopes_of, through_process
-from estimator.processes.poles import Poles
+from estimator.processes.poles import Poles, Shape
 from estimator.search.processes import polish
 
-__all__ = ["fit_uneven_waves"]
+__all__ = ["find_uneven_wave", "refit_uneven_wave"]
 
 _OUTLINED = 4.0
 """Nats that a corner of the outline must gain: about what a turn costs."""
@@ -39,8 +40,15 @@ _SWINGS = (1.0, 2.0)
 _FEWEST_TURNS, _MOST_TURNS = 10, 80
 """Turns of a wave in the window: fewer than five cycles tell no distribution, and one of more than
 these is too fast to be told from noise."""
-_FOLLOWED = 4
+_REPEATED = 0.2
+"""Deviation, over a cycle, of an outline's lengths at most: twice that of a wave's."""
+_FOLLOWED = 2
 """Of all starts, those that are fitted in turn."""
+_AT_VALVE, _AT_PV = ((20.0, 6), (3.0, 6)), ((8.0, 6),)
+"""Lags and dead times, in samples, with which a wave at the valve is looked for, and one on PV."""
+_HOPE, _BENT = 150.0, 60.0
+"""Nats that an outlined wave may still gain, and one that has no bends: simulated waves gain up to
+150 and 30."""
 _ALIKE = 1.0
 """Nats within which two starts lead to the same wave."""
 _BENDS = (0, 2)
@@ -88,49 +96,69 @@ class _Wave:
         )
 
 
-def fit_uneven_waves(
-    case: Case, starts: tuple[Hypothesis, ...], least: float, *, valve: bool = False
-) -> list[Hypothesis]:
-    """The valve with the likeliest load that swings unevenly; empty where none is found.
+def find_uneven_wave(case: Case, sticky: Hypothesis, least: float) -> Hypothesis | None:
+    """The healthy valve with the likeliest load that swings unevenly.
 
-    ``starts`` are hypotheses whose processes it begins from. With ``valve`` each keeps its sticky
-    valve and what else is beside it, otherwise the valve is healthy. Those that are not as likely
-    as ``least`` before their process is fitted are left out.
+    It is looked for with the process of the sticky valve and with some lags and dead times. None
+    where none is found, or has no hope to become as likely as ``least``.
     """
-    tried: list[tuple[float, Hypothesis, Array, bool, _Wave]] = []
-    seen: list[tuple[Poles, int]] = []
-    for start, taps in load_starts(case, starts, valve):
-        if (start.poles, start.dead_time) in seen:
-            continue
-        seen.append((start.poles, start.dead_time))
-        for at_valve in (True, False):
-            outline = outline_load(case, start, taps, at_valve, _OUTLINED)
-            for times, heights in (*_turns_of(outline), *_known_turns(start, at_valve)):
-                wave = _Wave(times, heights, np.zeros((2, 0)), start.poles, 0.0, 0.0)
-                wave = _fit(case, start, taps, at_valve, wave, rounds=3, spreads=1)
-                price = case.price(wave.poles, without_load(start), taps, start.valve is not None)
-                worth = case.log_likelihood(wave.squares) - wave.price - price
-                tried.append((worth, start, taps, at_valve, wave))
+    healthy = replace(sticky, valve=None, stem=case.rows.u, taps=DRIFT_AND_NOISE, nuisances=())
+    starts = [(healthy, True)]
+    for lags, at_valve in ((_AT_VALVE, True), (_AT_PV, False)):
+        for slow, dead_time in lags:
+            if dead_time <= case.max_dead_time:
+                poles = Poles(Shape.LAGS, slow)
+                starts.append((replace(healthy, poles=poles, dead_time=dead_time), at_valve))
+    return _likeliest(case, starts, least)
+
+
+def refit_uneven_wave(
+    case: Case, of: Hypothesis, known: Hypothesis, least: float
+) -> Hypothesis | None:
+    """The hypothesis with the likeliest such load in place of any other of a course of its own.
+
+    It keeps its valve and what else is beside it, and begins from its process. The turns of the
+    wave that is ``known`` beside another are tried too. None as above.
+    """
+    return _likeliest(case, [(of, True), (of, False)], least, tuple(_known_turns(known)))
+
+
+def _likeliest(
+    case: Case,
+    starts: list[tuple[Hypothesis, bool]],
+    least: float,
+    known: tuple[tuple[Array, Array], ...] = (),
+) -> Hypothesis | None:
+    """The likeliest wave from processes beside which it enters at the valve, or at PV."""
+    tried: list[tuple[float, Hypothesis, bool, _Wave]] = []
+    for start, at_valve in starts:
+        outline = outline_load(case, start, at_valve, _OUTLINED)
+        for times, heights in (*_turns_of(outline), *known):
+            wave = _Wave(times, heights, np.zeros((2, 0)), start.poles, 0.0, 0.0)
+            wave = _fit(case, start, start.taps, at_valve, wave, rounds=3, spreads=1)
+            others, sticky = without_load(start), start.valve is not None
+            price = case.price(wave.poles, others, start.taps, sticky) + wave.price
+            tried.append((case.log_likelihood(wave.squares) - price, start, at_valve, wave))
     tried.sort(key=lambda one: -round(one[0], 6))
     best: tuple[Hypothesis, _Wave, bool] | None = None
     followed: list[tuple[float, bool]] = []
-    for worth, start, taps, at_valve, wave in tried:
-        if worth < least or len(followed) == _FOLLOWED:
+    for worth, start, at_valve, wave in tried:
+        if worth < least - _HOPE or len(followed) == _FOLLOWED:
             break
         if any(way == at_valve and abs(worth - one) < _ALIKE for one, way in followed):
             continue
         followed.append((worth, at_valve))
-        found, last = _in_turn(case, start, taps, at_valve, wave, _TURNS)
+        found, last = _in_turn(case, start, start.taps, at_valve, wave, _TURNS)
         if best is None or found.likelihood > best[0].likelihood:
             best = found, last, at_valve
-    if best is None:
-        return []
+    if best is None or best[0].likelihood < least - _BENT:
+        return None
     start, wave, at_valve = best
     ends = [start]
     for count in _BENDS:
         bent = replace(wave, bends=np.zeros((2, count)))
         ends.append(_in_turn(case, start, start.taps, at_valve, bent, _LONG)[0])
-    return [max(ends, key=lambda one: one.likelihood)]
+    return max(ends, key=lambda one: one.likelihood)
 
 
 def _in_turn(
@@ -167,7 +195,11 @@ def _turns_of(outline: Array) -> Iterator[tuple[Array, Array]]:
             continue
         seen = rows.size
         times, heights = rows.astype(np.float64), outline[rows]
-        lengths = [float(np.median(np.diff(times)[j::2])) for j in (0, 1)]
+        between = [np.diff(times)[j::2] for j in (0, 1)]
+        cycle = sum(float(one.mean()) for one in between)
+        if max(float(one.std()) for one in between) > _REPEATED * cycle:
+            continue
+        lengths = [float(np.median(one)) for one in between]
         levels = [float(np.median(heights[j::2])) for j in (0, 1)]
         before, after = [], []
         at, k = times[0], 0
@@ -184,10 +216,10 @@ def _turns_of(outline: Array) -> Iterator[tuple[Array, Array]]:
         yield np.array([t for t, _ in every]), np.array([h for _, h in every])
 
 
-def _known_turns(of: Hypothesis, at_valve: bool) -> Iterator[tuple[Array, Array]]:
+def _known_turns(of: Hypothesis) -> Iterator[tuple[Array, Array]]:
     """Turns of the wave that it has already."""
     for one in of.nuisances:
-        if isinstance(one, UnevenWave) and (one.through is not None) == at_valve:
+        if isinstance(one, UnevenWave):
             yield np.array(one.times), np.array(one.heights)
 
 

@@ -7,7 +7,6 @@ until neither becomes likelier: otherwise the one that was searched last would w
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from estimator.evidence.effect import loop_gain_of
 from estimator.evidence.growing import add_best, fit_repeating, fit_waves
 from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
 from estimator.evidence.piecewise_loads import fit_piecewise_loads
-from estimator.evidence.uneven_waves import fit_uneven_waves
+from estimator.evidence.uneven_waves import find_uneven_wave, refit_uneven_wave
 from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.noise import DRIFT, WHITE
@@ -36,9 +35,8 @@ _CLEAR = -8.0
 """Evidence (nats) below which a sticky valve is given up at once if nothing from outside pays."""
 _BEYOND_DOUBT = 150.0
 """Evidence (nats) from which no rectangular load is looked for, nor one that enters elsewhere, nor
-an uneven wave (those accused under one reach 103): it saves their time.
-Simulated healthy valves under a rectangular one reach 63; 108 of 250 sticky ones
-of the tuning family lie beyond."""
+an uneven wave: it saves their time. Simulated healthy valves under a rectangular one reach 63,
+under an uneven wave 103; 108 of 250 sticky ones of the tuning family lie beyond."""
 _BEYOND_ANY_LOAD = 250.0
 """The same for a load of steps and straight lines."""
 _HOPE = 150.0
@@ -47,8 +45,6 @@ one gain up to 100."""
 _NEAR = 50.0
 """Nats that process and corners may still gain, fitted in turn with a load of steps and lines:
 simulated healthy valves under one gain up to 60, and the load is then far likelier anyway."""
-_FAR = 250.0
-"""The same of a wave that comes unevenly, whose turns are only outlined before."""
 _ANSWERED = 0.15
 """Gain around the loop, at the periods of the swing, below which a load of steps and lines beside a
 healthy valve is no rival: its controller would leave PV where the load put it. Of 90 simulated
@@ -61,14 +57,6 @@ _TRIED = 4
 """Valves weighed in a second search: which is the likeliest hangs on what else moves PV."""
 _ANOTHER = 0.05
 """Stick bands that differ by more, as a share, are different valves."""
-
-
-class _FitLoads(Protocol):
-    """Fits loads of one kind beside a valve, from the processes of some hypotheses."""
-
-    def __call__(
-        self, case: Case, starts: tuple[Hypothesis, ...], least: float, *, valve: bool = False
-    ) -> list[Hypothesis]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +98,13 @@ def weigh(case: Case) -> Weighing:
     return Weighing(healthy, sticky, laws)
 
 
-def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypothesis, Hypothesis]:
-    """Both hypotheses with what pays of disturbances, exchanged until neither becomes likelier."""
+def _weighed(
+    case: Case, healthy: Hypothesis, sticky: Hypothesis, *, waves: bool = True
+) -> tuple[Hypothesis, Hypothesis]:
+    """Both hypotheses with what pays of disturbances, exchanged until neither becomes likelier.
+
+    Uneven waves are among them if asked for.
+    """
     healthy, sticky = _settled(case, healthy, sticky)
     grown_healthy = _grown(case, healthy, sticky)
     if sticky.likelihood - grown_healthy.likelihood > _CLEAR:
@@ -130,9 +123,9 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
             if loaded is not None and _rivals(case, loaded, sticky):
                 healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
-        healthy, sticky = _beside_course(case, healthy, sticky, fit_piecewise_loads, _NEAR)
-    if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_DOUBT:
-        healthy, sticky = _beside_course(case, healthy, sticky, fit_uneven_waves, _FAR)
+        healthy, sticky = _beside_lines(case, healthy, sticky)
+    if waves and 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_DOUBT:
+        healthy, sticky = _beside_wave(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
@@ -157,27 +150,58 @@ def _repeating(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesi
     return max(loaded, key=lambda one: one.likelihood, default=None)
 
 
-def _beside_course(
-    case: Case, healthy: Hypothesis, sticky: Hypothesis, fit: _FitLoads, hope: float
+def _beside_lines(
+    case: Case, healthy: Hypothesis, sticky: Hypothesis
 ) -> tuple[Hypothesis, Hypothesis]:
-    """Both hypotheses with a load that is found by its course, where one pays."""
-    found = fit(case, (healthy, sticky), sticky.likelihood - hope)
+    """Both hypotheses with a load of steps and straight lines, where one pays."""
+    found = fit_piecewise_loads(case, (healthy, sticky), sticky.likelihood - _NEAR)
     # the likeliest alone: where OP does nothing beside it, a less likely one is no other load
     if not found or not _rivals(case, found[0], sticky) or not _is_answered(case, found[0]):
         return healthy, sticky
     loaded = found[0]
     if loaded.likelihood <= healthy.likelihood + _PAYS:
         return healthy, sticky
-    sticky = _with_own_load(case, sticky, fit, hope)
+    sticky = _with_own_lines(case, sticky)
     healthy, sticky = _beside_load(case, healthy, sticky, loaded)
-    return healthy, _with_own_load(case, sticky, fit, hope)
+    return healthy, _with_own_lines(case, sticky)
 
 
-def _with_own_load(case: Case, sticky: Hypothesis, fit: _FitLoads, hope: float) -> Hypothesis:
+def _with_own_lines(case: Case, sticky: Hypothesis) -> Hypothesis:
     """The sticky valve with a load of its own in place of what was found beside a healthy one."""
-    for own in fit(case, (sticky,), sticky.likelihood - hope, valve=True):
+    for own in fit_piecewise_loads(case, (sticky,), sticky.likelihood - _NEAR, valve=True):
         sticky = likelier(sticky, refine_valve(case, own))
     return sticky
+
+
+def _beside_wave(
+    case: Case, healthy: Hypothesis, sticky: Hypothesis
+) -> tuple[Hypothesis, Hypothesis]:
+    """Both hypotheses with a load that swings unevenly, where one pays.
+
+    A sticky valve moves its stem like one. It counts only where it is likelier by as much as a
+    sticky valve is asked for before it is believed in, and where that PV follows OP beside it is
+    as sure.
+    """
+    enough = sticky.likelihood + case.settings.judging.threshold
+    loaded = find_uneven_wave(case, sticky, enough)
+    if loaded is None or loaded.likelihood < enough:
+        return healthy, sticky
+    if 0.5 * gain_deviations(case, loaded) ** 2 < case.settings.judging.threshold:
+        return healthy, sticky
+    if not _is_answered(case, loaded):
+        return healthy, sticky
+    sticky = _with_own_wave(case, sticky, loaded)
+    healthy, sticky = _beside_load(case, healthy, sticky, loaded)
+    sticky = _with_own_wave(case, sticky, healthy)
+    exchanged = polish(case, None, sticky, sticky.nuisances, sticky.taps, wide=False)
+    own = refit_uneven_wave(case, exchanged, sticky, healthy.likelihood)
+    return healthy if own is None else likelier(healthy, own), sticky
+
+
+def _with_own_wave(case: Case, sticky: Hypothesis, loaded: Hypothesis) -> Hypothesis:
+    """The sticky valve with a wave of its own in place of what was found beside a healthy one."""
+    own = refit_uneven_wave(case, sticky, loaded, sticky.likelihood)
+    return sticky if own is None else likelier(sticky, refine_valve(case, own))
 
 
 def _beside_load(
@@ -272,7 +296,7 @@ def _looked_again(
     if not valves:
         return healthy, sticky
     for valve in (valves[0], *_others(valves[0], valves))[:_TRIED]:
-        other, better = _weighed(again, plain, valve)
+        other, better = _weighed(again, plain, valve, waves=False)
         healthy, sticky = likelier(healthy, other), likelier(sticky, better)
         if not _is_doubtful(case, healthy, sticky):
             break
