@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: install dev demo test lint docs format bench fmus clean
+.PHONY: install dev demo test thorough lint docs format bench fmus clean
 
 install: $(VENV)/.installed
 dev: $(VENV)/.installed-dev
@@ -34,6 +34,10 @@ demo: install
 # is that of tests/conftest.py, which begins with the slow files.
 test: dev
 	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
+
+# What the suite leaves out: many seeds, whole commands, kernels compiled for other processors.
+thorough: dev
+	$(BIN)/python -m pytest -m thorough -n 2
 
 lint: dev
 	$(BIN)/ruff check .

@@ -127,8 +127,9 @@ def _compiled(function: _Function, signature: str | None, **options: Any) -> _Fu
 def _compile_once(function: Dispatcher, name: str) -> None:
     """Let one process at a time look for a compiled function and compile it.
 
-    No two can wait for each other: whoever compiles a function holds its lock and then those of
-    the functions that it calls, never the other way, and one thread of a process at a time.
+    No two can wait for each other: the process that compiles a function holds its lock and then
+    those of the functions that it calls, never the other way, and one thread of a process at a
+    time.
     """
     load_or_compile = function.compile
 

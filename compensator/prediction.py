@@ -19,8 +19,8 @@ from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from compensator.action import CompensatorError, RefusalKind, require_not_negative
 from compensator.kernels import next_state, step_response_of
@@ -168,9 +168,7 @@ class Prediction:
         """Largest change of PV within one scan that a step of OP by one makes."""
         impulse = np.zeros(_FASTEST_WITHIN)
         impulse[0] = 1.0
-        return float(
-            np.abs(scipy.signal.lfilter(self.process.b, [1.0, *self.process.a], impulse)).max()
-        )
+        return float(np.abs(lfilter(self.process.b, [1.0, *self.process.a], impulse)).max())
 
     def equilibrium(self, pv: float, disturbance: float) -> tuple[Array, float]:
         """Return the state (shape ``(n,)``) and the input at which PV rests at ``pv``."""

@@ -10,13 +10,14 @@ its grid (`grid_search`), its optimisation as published (`nlp_paper`) and as a l
 `armax` fits a process with coloured noise to a stem that is known.
 """
 
-from estimator.identify import identify, warm_up
+from estimator.identify import identify
 from estimator.monitoring.tracking import Track, track
 from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
 from estimator.processes.armax import ArmaxFit, ArmaxOrders, armax
 from estimator.published.grid import grid_search
 from estimator.published.nlp import nlp_paper, nlp_polish
 from estimator.result import CostSurface, Identification, Interval
+from estimator.warming import warm_up
 
 __all__ = [
     "ArmaxFit",

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.arrays import Array, Index, Mask
-from estimator.controller.reading import Controller, read_aligned
+from estimator.controller.controller import Controller
+from estimator.controller.reading import read_aligned
 from estimator.controller.shifts import tell_shift
 from estimator.faults import faults_of
 from estimator.outcomes import Reason, ReasonCode

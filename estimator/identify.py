@@ -41,7 +41,7 @@ from estimator.settings import SETTINGS, Settings
 from estimator.surface import cost_surface
 from estimator.window import Window, harmonise, period_of, screen, signals_of
 
-__all__ = ["METHODS", "identify", "warm_up"]
+__all__ = ["METHODS", "identify"]
 
 
 def identify(
@@ -151,14 +151,6 @@ def _find_held(op: Array, pv: Array) -> Held | None:
     together = find_held(op, pv)
     held = together if together.why else find_slow_transmitter(pv)
     return held if held.why else None
-
-
-def warm_up() -> None:
-    """Load or compile the kernels, so that the first window does not wait for them."""
-    k = np.arange(240.0)
-    op = np.round(8.0 * np.sin(k / 9.0) + 2.0 * np.sin(k / 31.0), 1)
-    pv = np.roll(np.round(op / 4.0), 2) + 0.1 * np.sin(k * k)
-    identify(op, pv)
 
 
 def _assess(whole: Window, request: Request, settings: Settings) -> Identification:

@@ -1,8 +1,9 @@
 """Parameter sweeps and Monte Carlo over a plant or any FMU: many runs side by side, resumable.
 
-    plan = Sweep("example1", steps=2000, grid={"stick_band": (2, 4, 8)}, runs=10)
-    for run in run_sweep(plan, journal=Path("sweep.jsonl")):
-        identify(run.signals["op"], run.signals["pv"], period=run.period)
+    if __name__ == "__main__":          # in a script: the pool's processes import it again
+        plan = Sweep("example1", steps=2000, grid={"stick_band": (4, 6, 8)}, runs=10)
+        for run in run_sweep(plan, journal=Path("sweep.jsonl")):
+            identify(run.signals["op"], run.signals["pv"], period=run.period)
 
 What is done stands in the journal, one line a run; a run cut short is done again. Plants of the
 catalogue run inside a pool of processes. Any other FMU runs isolated, each run in a process of its

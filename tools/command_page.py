@@ -71,7 +71,8 @@ def _argument(param: Any) -> str:
 def _names(param: Any) -> str:
     if not param.opts[0].startswith("-"):
         return f"`{(param.metavar or param.name).upper()}`"
-    return ", ".join(f"`{option}`" for option in (*param.opts, *param.secondary_opts))
+    value = f" {param.metavar}" if param.metavar else ""
+    return ", ".join(f"`{option}{value}`" for option in (*param.opts, *param.secondary_opts))
 
 
 def _default(param: Any) -> str:

@@ -16,8 +16,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from compensator.prediction import Prediction
 from compensator.supervising.figures import Sample
@@ -67,7 +67,7 @@ def _answer(drive: Array, prediction: Prediction) -> Array:
     p = prediction.process
     late = prediction.dead_time
     delayed = np.concatenate([np.zeros(late), drive])[: drive.size]
-    answer: Array = np.asarray(scipy.signal.lfilter(p.b, [1.0, *p.a], delayed), dtype=np.float64)
+    answer: Array = np.asarray(lfilter(p.b, [1.0, *p.a], delayed), dtype=np.float64)
     return answer
 
 

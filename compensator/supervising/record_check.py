@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from compensator.action import CompensatorError, require_positive, require_whole
 from compensator.prediction import Prediction, settling_samples
@@ -166,7 +166,7 @@ def answer_correlation(
     p = model.process.as_controlled()
     late = p.dead_time - 1
     drive = np.concatenate([np.zeros(late), stem - stem[0]])[: stem.size]
-    answer = np.asarray(scipy.signal.lfilter(p.b, [1.0, *p.a], drive), dtype=np.float64)
+    answer = np.asarray(lfilter(p.b, [1.0, *p.a], drive), dtype=np.float64)
     prediction = Prediction.of(p, "input")
     window = 3 * (20 + prediction.dead_time)
     if not p.is_integrating:

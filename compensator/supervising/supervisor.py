@@ -36,6 +36,7 @@ from compensator.supervising.admission import Admission
 from compensator.supervising.figures import LoopFigures, LoopRecord, Sample
 from compensator.supervising.jumps import JumpScreen, span_of, without_jumps
 from compensator.supervising.loop_judge import LoopJudge
+from compensator.supervising.reasons import PASSING, REASONS, REFUSALS
 from compensator.supervising.recess import Recess
 from compensator.supervising.reliving import Reliving
 from compensator.supervising.screen import PvScreen
@@ -52,37 +53,6 @@ from loop_model import LoopModel, ValveModel
 
 __all__ = ["Supervisor"]
 
-_KINDS = {
-    WithdrawReason.WORSE: RefusalKind.WORSE,
-    WithdrawReason.NO_GAIN: RefusalKind.WORSE,
-    WithdrawReason.GROWING: RefusalKind.WORSE,
-    WithdrawReason.HUNTING: RefusalKind.TRAVEL,
-    WithdrawReason.TRAVEL: RefusalKind.TRAVEL,
-    WithdrawReason.WRONG_SIGN: RefusalKind.WRONG_SIGN,
-    WithdrawReason.LEFT_RANGE: RefusalKind.LEFT_RANGE,
-    WithdrawReason.SOLVER: RefusalKind.OTHER,
-}
-"""Why a model is no longer used, of those reasons that are the model's."""
-
-_GIVEN_UP = {
-    WatchVerdict.WORSE: WithdrawReason.WORSE,
-    WatchVerdict.NO_GAIN: WithdrawReason.NO_GAIN,
-    WatchVerdict.GROWING: WithdrawReason.GROWING,
-    WatchVerdict.HUNTING: WithdrawReason.HUNTING,
-    WatchVerdict.TRAVEL: WithdrawReason.TRAVEL,
-    WatchVerdict.WRONG_SIGN: WithdrawReason.WRONG_SIGN,
-    WatchVerdict.LEFT_RANGE: WithdrawReason.LEFT_RANGE,
-}
-
-
-_PASSING = (
-    WithdrawReason.PV_BAD,
-    WithdrawReason.PV_FROZEN,
-    WithdrawReason.OP_OUTSIDE,
-    WithdrawReason.LOAD,
-    WithdrawReason.SOLVER,
-)
-"""Reasons that are over at the next take-over."""
 _PAUSES = 3
 """Pauses that an overtaxed solver is given before it is given up."""
 
@@ -205,7 +175,7 @@ class Supervisor:
         self._chances = 0
         self._judge.forget()
         self.reason = reason
-        self.refused = _KINDS.get(reason, RefusalKind.NONE)
+        self.refused = REFUSALS.get(reason, RefusalKind.NONE)
         self.state = SupervisorState.BASE
 
     def step(self, pv: float, sp: float, op_applied: float, *, automatic: bool = True) -> Action:
@@ -332,10 +302,10 @@ class Supervisor:
             self._admission.given_up.add(
                 self._offered or self._compensator.model,
                 self._uncertainty,
-                _KINDS[_GIVEN_UP[verdict]],
+                REFUSALS[REASONS[verdict]],
             )
             queued = self._queued
-            self.withdraw(_GIVEN_UP[verdict])
+            self.withdraw(REASONS[verdict])
             self._queued = queued
             return Action(op_applied, ActionStatus.HOLDING, detail=verdict.value)
         action = self._compensator.decide(sp)
@@ -379,7 +349,7 @@ class Supervisor:
         candidate.improve_on(math.sqrt(before.mean_square), before.travel)
         self._compensator, self._next, self._chances = candidate, None, 0
         self.state = SupervisorState.COMPENSATING
-        if self.reason in _PASSING:
+        if self.reason in PASSING:
             self.reason = WithdrawReason.NONE
         return True
 

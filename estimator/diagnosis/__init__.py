@@ -4,12 +4,14 @@ found = diagnose(op, pv, sp, period=1.0)
 found.first.name, found.first.evidence, found.first.action
 """
 
-from estimator.controller.reading import Controller, read_controller
+from estimator.controller.controller import Controller
+from estimator.controller.reading import read_controller
 from estimator.diagnosis.coherence import LoopSignals
 from estimator.diagnosis.diagnose import diagnose
 from estimator.diagnosis.groups import Group, find_groups
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
+from estimator.diagnosis.warming import warm_up
 
 __all__ = [
     "Cause",
@@ -23,4 +25,5 @@ __all__ = [
     "diagnose",
     "find_groups",
     "read_controller",
+    "warm_up",
 ]

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.criteria.conversion import process_model
 from estimator.diagnosis import rivals
 from estimator.diagnosis.advice_settings import Advising

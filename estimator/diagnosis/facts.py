@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from estimator.arrays import Array, Mask
-from estimator.controller.reading import Controller, at_limit
+from estimator.controller.controller import Controller
+from estimator.controller.reading import at_limit
 from estimator.diagnosis.settings import Facts
 from estimator.diagnosis.standing import held_runs, mask_of, moves_in_steps
 from estimator.faults import find_spikes, runs_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.arrays import Array, Mask
 from estimator.cleaning import find_slow_transmitter
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.controller.shifts import tell_shift
 from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.explanations import Explained, explain

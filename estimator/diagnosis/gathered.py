@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.explanations import Explained
 from estimator.diagnosis.facts import Limits, Sensor
 from estimator.diagnosis.linear_loop import LinearLoop

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.delay_loops import sensitivities
 from estimator.diagnosis.headroom_search import (
     Bounds,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from loop_model import ProcessModel
 
 __all__ = ["TURNS", "LinearLoop", "Margins"]

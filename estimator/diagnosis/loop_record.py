@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Index, Mask
 from estimator.cleaning import Held
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.facts import Limits, in_long_runs
 from estimator.diagnosis.figures import few_steps, predictable_share, without_wave
 from estimator.diagnosis.oscillation import (

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.explanations import Explained
 from estimator.diagnosis.facts import Limits
 from estimator.diagnosis.loop_record import LoopRecord

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.tuning_rules import largest_integral_gain

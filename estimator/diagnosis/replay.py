@@ -10,7 +10,7 @@ import scipy
 
 from compiled import kernel
 from estimator.arrays import Array
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from loop_model import ProcessModel
 
 __all__ = ["Replay"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.oscillation import Oscillation
 
 __all__ = ["Cause", "CauseName", "Diagnosis", "plain"]

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.controller.reading import Controller, read_aligned, read_controller
+from estimator.controller.controller import Controller
+from estimator.controller.reading import read_aligned, read_controller
 from estimator.controller.shifts import find_shift, shifted
 from estimator.diagnosis.loop_record import LoopRecord, loop_record
 from estimator.diagnosis.settings import DiagnosisSettings

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from estimator.arrays import Array, Mask
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.settings import Facts
 from estimator.faults import runs_of
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.advice_settings import Advising
 from estimator.diagnosis.linear_loop import LinearLoop, Margins
 from estimator.diagnosis.plausible import PlausibleProcesses

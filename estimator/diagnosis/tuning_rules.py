@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.linear_loop import LinearLoop
 from loop_model import ProcessModel
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from estimator.algebra import dot, normal_equations, solve_spd
 from estimator.arrays import Array, Mask
-from estimator.controller.reading import Controller, read_controller
+from estimator.controller.controller import Controller
+from estimator.controller.reading import read_controller
 from estimator.settings import Modelling
 from estimator.window import carry_on
 

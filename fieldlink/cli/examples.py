@@ -93,11 +93,11 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "scan 192.168.1.10 --first 1000 --last 4999 --thorough",
     ),
     "read": (
-        "read site.toml OP PV",
+        "read site.toml FC101.OP FC101.PV",
         "read 192.168.1.10 holding:104:float32 input:7",
         "read /dev/ttyUSB0 0 1 2 --unit 5",
     ),
-    "write": ("write site.toml OP 42.5", "write 192.168.1.10 holding:104:float32 42.5"),
+    "write": ("write site.toml FC101.SP 42.5", "write 192.168.1.10 holding:104:float32 42.5"),
     "warm-up": ("warm-up",),
     "notify test": ("notify test site.toml", "notify test site.toml --json"),
     "map import": (
@@ -107,7 +107,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "map export": ("map export site.toml plc --out map.csv",),
     "fmu info": ("fmu info plant.fmu",),
     "fmu run": ("fmu run plant.fmu --stop 600 --out run.csv", "fmu run fourtank --plot run.png"),
-    "fmu sweep": ("fmu sweep example1 --runs 100 --random stick_band=1:6 --out sweep.csv",),
+    "fmu sweep": ("fmu sweep example1 --runs 100 --random stick_band=4:12 --out sweep.csv",),
     "fmu new": ("fmu new my_plant",),
     "fmu loop": ("fmu loop plant.fmu --op u --pv y --stick-band 4",),
 }

@@ -52,7 +52,10 @@ def sweep(
     ] = False,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
 ) -> None:
-    """Run a plant, or any FMU, many times; after an interruption the same command goes on."""
+    """Run a plant, or any FMU, many times; after an interruption the same command goes on.
+
+    The exit status is 1 when a run failed; its row says why.
+    """
     from fieldlink.lab.fmu.sweeping import plan_steps, sweep_to_file
     from fmu_models import Sweep, catalogue, fmu_path, summarise
 

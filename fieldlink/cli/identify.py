@@ -151,7 +151,9 @@ def warm_up() -> None:
     """Compile the numeric kernels now, so that no first deadline has to wait for them."""
     import compensator
     import estimator
+    import estimator.diagnosis
 
     estimator.warm_up()
+    estimator.diagnosis.warm_up()
     compensator.warm_up()
     typer.echo("numeric kernels are compiled")

@@ -34,7 +34,8 @@ def report(
         typer.Argument(
             metavar="SITE|STORE|FILE...",
             help="A site file (.toml), a historian (sqlite:///PATH, postgresql://... or a .sqlite "
-            "file), or recordings (.csv, one loop each; a folder stands for all in it).",
+            "file), or recordings (CSV, Excel, Parquet or MATLAB, one loop each; a folder stands "
+            "for all in it).",
         ),
     ],
     audience: Annotated[

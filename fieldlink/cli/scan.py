@@ -56,7 +56,7 @@ def scan(
 ) -> None:
     """Find out which unit ids answer and which addresses can be read; nothing is written.
 
-    The exit status is 1 when no unit answers.
+    The exit status is 1 when no unit answers or, with --out, no register can be read.
     """
     from fieldlink.cli.tables import data_console
     from fieldlink.links.survey import SurveySettings, survey

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from shutil import disk_usage
 
 from fieldlink.store.errors import StoreError
 
@@ -47,7 +48,7 @@ def _lacks_index(file: Path) -> bool:
         # A shorter one is what a full disk has left of an attempt to make it.
         if index.exists() and index.stat().st_size >= _INDEX_BYTES:
             return False
-        if _may_be_written(file.parent) and _free_bytes(file.parent) >= _INDEX_BYTES:
+        if _may_be_written(file.parent) and disk_usage(file.parent).free >= _INDEX_BYTES:
             return False
         with file.open("rb") as stream:
             return stream.read(_VERSIONS.stop)[_VERSIONS] == b"\2\2"
@@ -58,11 +59,6 @@ def _lacks_index(file: Path) -> bool:
 
 def _may_be_written(folder: Path) -> bool:
     return os.access(folder, os.W_OK)
-
-
-def _free_bytes(folder: Path) -> int:
-    disk = os.statvfs(folder)
-    return disk.f_bavail * disk.f_frsize
 
 
 def _log_of(file: Path) -> int:

@@ -109,6 +109,7 @@ def test_a_window_is_ended_by_its_processor_time_not_by_the_clock(tmp_path: Path
     assert "more processor time than a window may" in row["error"]
 
 
+@pytest.mark.thorough
 def test_memory_does_not_grow_with_the_number_of_loops(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

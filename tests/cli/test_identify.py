@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from tests.cli.conftest import Run
+from tests.docs.pages import keys_of
 
 NUMBERS = {"value", "low", "high"}
 
@@ -48,6 +49,7 @@ def test_json_is_the_contract(script: Run, recording: Path) -> None:
         "fieldlink_version",
         "units",
     }
+    assert set(document) == keys_of("docs/tutorials/recorded-file.md", "key")
     assert document["fieldlink_version"] == version("fieldlink")
     assert (document["units"]["stick_band"], document["units"]["gain"]) == ("OP", "PV/OP")
     assert document["uncertain"] is False

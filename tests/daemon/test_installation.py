@@ -31,11 +31,23 @@ max_age = 86400.0
 """
 
 
-async def command(*arguments: str) -> str:
-    """Run a command as a user would; the daemon goes on meanwhile."""
-    result = await asyncio.to_thread(CliRunner().invoke, app, list(arguments))
+def command(*arguments: str) -> str:
+    """Run a command in this process, while no daemon runs in it: their words would mix."""
+    result = CliRunner().invoke(app, list(arguments))
     assert result.exit_code == 0, result.output + repr(result.exception)
     return result.stdout
+
+
+async def command_beside(*arguments: str) -> str:
+    """Run a command as a user does beside the daemon: a process with an output of its own."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "fieldlink.cli", *arguments),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    said, failed = await asyncio.wait_for(process.communicate(), PATIENCE)
+    assert process.returncode == 0, failed.decode() or said.decode()
+    return said.decode()
 
 
 async def next_event(following: asyncio.subprocess.Process) -> str:
@@ -96,8 +108,8 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
                 stdout=asyncio.subprocess.PIPE,
             )
             followed = [await next_event(following)]
-            found = json.loads(await command("status", file, "--json", "--must-run"))
-            await command("withdraw", file, "PLC", "--reason", "the valve is repaired")
+            found = json.loads(await command_beside("status", file, "--json", "--must-run"))
+            await command_beside("withdraw", file, "PLC", "--reason", "the valve is repaired")
             await until(lambda: plc.state.fallback is Fallback.WITHDRAWN, "the withdrawal")
             await until(
                 lambda: "accepted" in daemon.status().loops["PLC"].last_attempt.outcome.code,  # type: ignore[union-attr]
@@ -118,18 +130,14 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
         assert loop["block"]["status"] == "valid"
         assert loop["block"]["acknowledged"] is True
 
-        stored = json.loads(await command("status", file, "--json"))
+        stored = json.loads(command("status", file, "--json"))
         assert stored["daemon"]["alive"] is False
-        assert "None" not in await command("status", file)
+        assert "None" not in command("status", file)
         with pytest.raises(AssertionError, match="no daemon runs for this site"):
-            await command("status", file, "--must-run")
+            command("status", file, "--must-run")
         assert stored["loops"][0]["block"]["status"] == "withdrawn"
         assert stored["loops"][0]["read"] >= loop["read"]
-        lines = [
-            json.loads(line)
-            for line in (await command("events", file, "--json")).split("\n")
-            if line
-        ]
+        lines = [json.loads(line) for line in command("events", file, "--json").split("\n") if line]
         kinds = [line["event"] for line in lines]
         assert kinds == followed
         assert kinds[0] == "daemon.start"
@@ -139,7 +147,7 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
         assert "the valve is repaired" in rows[rows["status"] == "withdrawn"]["reason"].iloc[-1]
 
         # Without a daemon the command writes the block itself, by the same rules.
-        said = await command("withdraw", file, "PLC", "--reason", "still repaired")
+        said = await command_beside("withdraw", file, "PLC", "--reason", "still repaired")
         assert "acknowledged by the PLC" in said
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.diagnosis_families.tuning.hands import KINDS, HandRecord, draw_hand
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.facts import Limits, by_hand_of, limits_of
 from estimator.diagnosis.gathered import Gathered

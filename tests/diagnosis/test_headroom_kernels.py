@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.algebra import is_stable
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.delay_loops import INSIDE, sensitivities
 from estimator.diagnosis.innovations import poles_product, power_of_load, whitening_numerator
 from estimator.diagnosis.linear_loop import TURNS, LinearLoop

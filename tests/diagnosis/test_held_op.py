@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.diagnosis_families.tuning.singles import draw_loop
-from estimator.controller.reading import Controller
+from estimator.controller.controller import Controller
 from estimator.diagnosis.facts import by_hand_of
 from estimator.diagnosis.loop_record import loop_record, with_own_setpoint
 from estimator.diagnosis.settings import DIAGNOSIS

@@ -59,3 +59,10 @@ def blocks_of(page: Path) -> Iterator[Block]:
 
 def command_blocks(page: Path) -> list[Block]:
     return [block for block in blocks_of(page) if block.language in ("sh", "console")]
+
+
+def keys_of(page: str, heading: str) -> set[str]:
+    """The names in the first cells of the table whose header begins with ``heading``."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    rows = text.split(f"| {heading} | meaning |")[1].split("\n\n")[0].splitlines()[2:]
+    return {name for row in rows for name in re.findall(r"`(\w+)`", row.split(" | ")[0])}

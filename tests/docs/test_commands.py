@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import inspect
 import os
 import re
 import runpy
@@ -59,6 +60,17 @@ def test_every_command_and_option_exists(page: Path) -> None:
             if option.startswith("--") or (option.startswith("-") and option[1:].isalpha()):
                 offered = {o for p in command.params for o in (*p.opts, *p.secondary_opts)}
                 assert option in {*offered, "--help"}, f"{place}: {option} of {known[-1]}"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_names_an_exit_status_of_1(name: str) -> None:
+    """docs/reference/cli.md promises it for every command that ends with one."""
+    command = COMMANDS[name]
+    if re.search(r"Exit\(1\b", inspect.getsource(command.callback)):
+        told = " ".join(
+            [command.help, *(p.help or "" for p in command.params if hasattr(p, "help"))]
+        )
+        assert re.search(r"status( is)? 1\b", told), name
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

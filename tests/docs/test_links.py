@@ -1,4 +1,4 @@
-"""Links inside README and docs lead to files and headings that are there."""
+"""Links in README, docs and the files beside them lead to files and headings that are there."""
 
 from __future__ import annotations
 
@@ -9,6 +9,13 @@ import pytest
 
 from tests.docs.pages import PAGES, ROOT
 
+LINKED = sorted(
+    [
+        *PAGES,
+        *(ROOT / "docs" / "benchmarks").glob("*.md"),
+        *(ROOT / name for name in ("CHANGELOG.md", "SECURITY.md", "examples/README.md")),
+    ]
+)
 _LINK = re.compile(r"\]\((?!https?:|mailto:)([^)\s]*)\)")
 
 
@@ -19,7 +26,7 @@ def anchors_of(page: Path) -> set[str]:
     return {heading.replace(" ", "-") for heading in plain}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     for target in _LINK.findall(page.read_text(encoding="utf-8")):
         name, _, anchor = target.partition("#")

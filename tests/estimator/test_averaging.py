@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from estimator import identify
 from estimator.averaging import average, block_of
@@ -63,6 +64,7 @@ def test_a_valve_is_found_behind_a_dead_time_of_48_samples() -> None:
     assert np.std(pv[late] - made[late]) < 0.35 * np.std(pv[late])
 
 
+@pytest.mark.thorough
 def test_the_gain_of_every_sample_is_found_for_twenty_seeds() -> None:
     # J trades against the gain from loop to loop: the median is what the model is worth
     errors = []

@@ -65,10 +65,6 @@ PARTS = {
     "blas skylake": ("skylakex", _part("skylakex", "OPENBLAS_")),
 }
 """Settings taken apart, so that a difference names its library."""
-COMPILES = pytest.mark.skipif(
-    "FIELDLINK_TEST_PROCESSORS" not in os.environ,
-    reason="compiles all kernels anew for 90 s; set FIELDLINK_TEST_PROCESSORS=1",
-)
 
 
 def _said(program: str, settings: dict[str, str], *arguments: str) -> str:
@@ -121,7 +117,10 @@ def native(windows: Path) -> dict[str, Any]:
 @pytest.mark.timeout(900)  # kernels are compiled anew for two of the settings
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=COMPILES if name.startswith("numba") else ()) for name in PARTS],
+    [
+        pytest.param(name, marks=pytest.mark.thorough if name.startswith("numba") else ())
+        for name in PARTS
+    ],
 )
 def test_no_answer_hangs_on_the_processor(
     name: str, windows: Path, native: dict[str, Any], tmp_path: Path

@@ -71,11 +71,7 @@ print(len(fmu_models.catalogue))
 """
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(
-    "FIELDLINK_TEST_WHEEL" not in os.environ,
-    reason="takes about 20 s; set FIELDLINK_TEST_WHEEL=1",
-)
+@pytest.mark.thorough
 def test_the_wheel_carries_the_plants_and_needs_no_compiler(tmp_path: Path) -> None:
     assert wheel.main(["--host-only", "--source", str(ROOT), "--output", str(tmp_path)]) == 0
     (built,) = tmp_path.glob("*.whl")

@@ -17,7 +17,7 @@ def first_window(seed: int) -> tuple[float, float]:
     return window.stick_band.value, window.slip_jump.value
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_valve_is_found_under_twenty_noises() -> None:
     """S trades against the dead time, and valves of nearly the same slips lie in narrow valleys."""
     found = np.array([first_window(seed) for seed in range(1, 21)])

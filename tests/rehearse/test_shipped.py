@@ -45,7 +45,7 @@ def test_it_passes(path: Path) -> None:
     assert run.passed, [finding for finding in run.findings if not finding.passed]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", SHIPPED.values(), ids=list(SHIPPED))
 def test_it_fails_with_its_defect(path: Path) -> None:
     """With the first one; ``fieldlink rehearse --all --self-test`` goes through all of them."""

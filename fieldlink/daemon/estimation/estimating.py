@@ -222,13 +222,13 @@ class InlineEstimator:
 
 
 def warm_up() -> None:
-    """Load the estimator's kernels."""
+    """Load the estimator's kernels; those of a diagnosis, which nothing waits for, come with it."""
     import numpy as np
 
-    from estimator import warm_up as load
+    import estimator
     from fieldlink.daemon.estimation.window_figures import window_figures
 
-    load()
+    estimator.warm_up()
     ramp = np.arange(64.0)
     window_figures(WindowData(ramp, ramp, None, None, 0, 63, 0.0), 1.0)
 

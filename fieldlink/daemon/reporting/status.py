@@ -10,7 +10,7 @@ from fieldlink.daemon.estimation.estimating import Estimate
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.sampling.lateness import LatenessReport
 from fieldlink.daemon.windows.loop_counts import LoopCounts
-from fieldlink.daemon.writeback.outcomes import Attempt
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.links import LinkState
 from fieldlink.notices import NoticesReport
 from fieldlink.registers import ParameterBlock
@@ -66,6 +66,16 @@ class LoopStatus:
     may_write: bool = False
     hold: str = ""
     off: str = ""
+
+    @property
+    def block_reason(self) -> str:
+        """Why the last write-back ended as it did; empty before the first."""
+        last = self.last_attempt
+        if last is None:
+            return ""
+        if self.block is None and last.outcome is WritebackOutcome.ACCEPTED:
+            return "the PLC has accepted a block and acknowledges none now: see writeback.lost"
+        return last.why
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,10 +66,9 @@ def _device(name: str, device: DeviceStatus, status: DaemonStatus) -> Document:
 
 
 def _loop(name: str, loop: LoopStatus) -> Document:
-    estimate, attempt = loop.last_estimate, loop.last_attempt
+    estimate = loop.last_estimate
     found = None if estimate is None else estimate.findings
     block = loop.block
-    reason = loop.refusal or ("" if attempt is None else attempt.why)
     return {
         "name": name,
         "device": loop.device,
@@ -86,7 +85,7 @@ def _loop(name: str, loop: LoopStatus) -> Document:
             "status": None if block is None else block.status.name.lower(),
             "seq": None if block is None else block.seq,
             "acknowledged": block is not None,
-            "reason": reason,
+            "reason": loop.refusal or loop.block_reason,
         },
         "waiting": loop.waiting,
         "filled": loop.filled,

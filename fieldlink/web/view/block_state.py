@@ -45,8 +45,7 @@ def _live(live: LoopStatus) -> tuple[str, str, str]:
         return "not written", "the site file does not enable write-back for this loop", "plain"
     if live.off:
         return "switched off", live.off, "warn"
-    last = live.last_attempt
-    why = "" if last is None else last.why
+    why = live.block_reason
     if live.hold:
         return "on hold", live.hold, "warn"
     if live.in_use:
