@@ -20,8 +20,9 @@ __all__ = ["turns_of"]
 _SWINGS = (1.0, 2.0)
 """Standard deviations of the outline that it must swing by to turn: small corners are noise."""
 _FEWEST_TURNS, _MOST_TURNS = 10, 80
-"""Turns of a wave in the window: fewer than five cycles tell no distribution, and one of more than
-these is too fast to be told from noise."""
+"""Turns of a wave: fewer than five cycles seen tell no distribution. More than these, those beyond
+what was seen counted, are too fast to be told from noise, and a fit's work grows with the square of
+their number."""
 _REPEATED = 0.2
 """Deviation, over a cycle, of an outline's lengths at most: twice that of a wave's."""
 
@@ -34,7 +35,7 @@ def turns_of(outline: Array) -> Iterator[tuple[Array, Array]]:
     seen = 0
     for swing in _SWINGS:
         rows = _turning_rows(outline, swing * size)
-        if not _FEWEST_TURNS <= rows.size <= _MOST_TURNS or rows.size == seen:
+        if rows.size < _FEWEST_TURNS or rows.size == seen:
             continue
         seen = rows.size
         times, heights = rows.astype(np.float64), outline[rows]
@@ -56,6 +57,8 @@ def turns_of(outline: Array) -> Iterator[tuple[Array, Array]]:
             k += 1
             after.append((at, levels[k % 2]))
         every = (*before[::-1], *zip(times, heights, strict=True), *after)
+        if len(every) > _MOST_TURNS:
+            continue
         yield np.array([t for t, _ in every]), np.array([h for _, h in every])
 
 

@@ -49,11 +49,12 @@ _GAINED = 0.5
 def find_uneven_wave(case: Case, sticky: Hypothesis, least: float) -> Hypothesis | None:
     """The healthy valve with the likeliest load that swings unevenly.
 
-    It is looked for with the process of the sticky valve and with some lags and dead times. None
-    where none is found, or has no hope to become as likely as ``least``.
+    It is looked for with some lags and dead times, not with the process of the sticky valve: beside
+    that the load is what the stem does apart from OP. None where none is found, or has no hope to
+    become as likely as ``least``.
     """
     healthy = replace(sticky, valve=None, stem=case.rows.u, taps=DRIFT_AND_NOISE, nuisances=())
-    starts = [(healthy, True)]
+    starts = []
     for lags, at_valve in ((_AT_VALVE, True), (_AT_PV, False)):
         for slow, dead_time in lags:
             if dead_time <= case.max_dead_time:

@@ -190,12 +190,13 @@ def _beside_wave(
         return healthy, sticky
     if not _is_answered(case, loaded):
         return healthy, sticky
-    sticky = _with_own_wave(case, sticky, loaded)
     healthy, sticky = _beside_load(case, healthy, sticky, loaded)
-    sticky = _with_own_wave(case, sticky, healthy)
-    exchanged = polish(case, None, sticky, sticky.nuisances, sticky.taps, wide=False)
-    own = refit_uneven_wave(case, exchanged, sticky, healthy.likelihood)
-    return healthy if own is None else likelier(healthy, own), sticky
+    own = _with_own_wave(case, sticky, healthy)
+    if own is sticky:
+        return healthy, sticky
+    exchanged = polish(case, None, own, own.nuisances, own.taps, wide=False)
+    again = refit_uneven_wave(case, exchanged, own, healthy.likelihood)
+    return healthy if again is None else likelier(healthy, again), own
 
 
 def _with_own_wave(case: Case, sticky: Hypothesis, loaded: Hypothesis) -> Hypothesis:
