@@ -23,8 +23,8 @@ def warm_up() -> None:
 def rehearsal_windows() -> tuple[tuple[Array, Array], ...]:
     """Return OP and PV of simulated loops whose verdicts between them need nearly every kernel.
 
-    A sticky valve, a healthy one under a wave, one under a saw-tooth that comes unevenly, and sticky
-    ones whose set-point (which is not given) or whose load steps.
+    A sticky valve, a healthy one under a wave, one under a saw-tooth that comes unevenly, and
+    sticky ones whose set-point (which is not given) or whose load steps.
     """
     sticky = ValveModel(6.0, 3.0)
     k = np.arange(_SAMPLES)
