@@ -23,8 +23,8 @@ def warm_up() -> None:
 def rehearsal_windows() -> tuple[tuple[Array, Array], ...]:
     """Return OP and PV of simulated loops whose verdicts between them need nearly every kernel.
 
-    A sticky valve, a healthy one under a wave, and sticky ones whose set-point (which is not given)
-    or whose load steps.
+    A sticky valve, a healthy one under a wave, one under a saw-tooth that comes unevenly, and
+    sticky ones whose set-point (which is not given) or whose load steps.
     """
     sticky = ValveModel(6.0, 3.0)
     k = np.arange(_SAMPLES)
@@ -35,9 +35,18 @@ def rehearsal_windows() -> tuple[tuple[Array, Array], ...]:
     return (
         _run(sticky, np.full(_SAMPLES, 4.0)),
         _run(ValveModel(0.0, 0.0), wave),
+        _run(ValveModel(0.0, 0.0), _uneven_saw_tooth()),
         _run(sticky, np.full(_SAMPLES, 4.0), steps),
         _run(sticky, 2.0 * steps),
     )
+
+
+def _uneven_saw_tooth() -> Array:
+    """Lengths and heights differ by a tenth from cycle to cycle."""
+    rng = np.random.default_rng(1)
+    lengths = np.tile((4.0, 36.0), 10) * rng.normal(1.0, 0.1, 20)
+    heights = np.tile((-3.0, 3.0), 10) * rng.normal(1.0, 0.1, 20)
+    return np.interp(np.arange(_SAMPLES), np.cumsum(lengths) - 40.0, heights)
 
 
 def _run(valve: ValveModel, load: Array, sp: Array | float = 0.0) -> tuple[Array, Array]:

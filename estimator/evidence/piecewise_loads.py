@@ -29,12 +29,14 @@ from estimator.hypotheses.piecewise_load import (
     NO_PROCESS,
     Corner,
     PiecewiseLoad,
+    course_of_corners,
     load_response,
 )
+from estimator.hypotheses.uneven_wave import UnevenWave
 from estimator.processes.poles import Poles, Shape
 from estimator.search.processes import polish
 
-__all__ = ["fit_piecewise_loads"]
+__all__ = ["fit_piecewise_loads", "outline_load", "without_load"]
 
 _LAGS, _DEAD_TIMES = (3.0, 8.0, 20.0), (1, 6)
 """Lags and dead times, in samples, with which it is looked for beside those of the starts."""
@@ -118,30 +120,43 @@ def _enters_at_valve(of: Hypothesis) -> bool:
 
 def _with(case: Case, of: Hypothesis, load: PiecewiseLoad, taps: Array) -> Hypothesis:
     """The hypothesis with a load in place of what it had of them."""
-    nuisances = (*_without_load(of), load)
+    nuisances = (*without_load(of), load)
     return case.fit(of.valve, of.poles, of.dead_time, nuisances, taps, stem=of.stem)
 
 
-def _without_load(of: Hypothesis) -> tuple[Nuisance, ...]:
-    return tuple(one for one in of.nuisances if not isinstance(one, PiecewiseLoad))
+def without_load(of: Hypothesis) -> tuple[Nuisance, ...]:
+    """What it has beside loads of any course."""
+    return tuple(one for one in of.nuisances if not isinstance(one, PiecewiseLoad | UnevenWave))
 
 
 def _best_load(case: Case, of: Hypothesis, taps: Array, at_valve: bool) -> PiecewiseLoad | None:
     """The load that takes most from PV for its price, with this process and noise model."""
+    price = CORNER_PRICE * math.log(case.rows.count)
+    corners = _corners(case, of, taps, at_valve, price)
+    return PiecewiseLoad(corners, of.poles if at_valve else None) if corners else None
+
+
+def outline_load(case: Case, of: Hypothesis, at_valve: bool, price: float) -> Array:
+    """The course ``(n,)`` of the load that takes most from PV where a corner costs ``price`` nats.
+
+    It enters at the valve or at PV; zero where no corner is worth that.
+    """
+    return course_of_corners(_corners(case, of, of.taps, at_valve, price), case.rows.size)
+
+
+def _corners(
+    case: Case, of: Hypothesis, taps: Array, at_valve: bool, price: float
+) -> tuple[Corner, ...]:
     rows = case.rows
-    columns = case.columns(_without_load(of), of.stem, of.poles, of.dead_time)
+    columns = case.columns(without_load(of), of.stem, of.poles, of.dead_time)
     taps, response = np.ascontiguousarray(taps), of.poles.response(of.stem)
     basis, left = left_of_pv(rows, response, of.dead_time, columns, taps)
     process = of.poles.coefficients if at_valve else NO_PROCESS
-    price = CORNER_PRICE * math.log(rows.count)
     places, sizes = _pursue(left, basis, taps, rows.weight, process, price, rows.count)
-    if len(places) == 0:
-        return None
-    corners = tuple(
+    return tuple(
         Corner(int(row), float(size), 0.0) if kind == _SLOPE else Corner(int(row), 0.0, float(size))
         for (row, kind), size in zip(places, sizes, strict=True)
     )
-    return PiecewiseLoad(corners, of.poles if at_valve else None)
 
 
 @kernel

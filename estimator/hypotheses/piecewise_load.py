@@ -12,7 +12,14 @@ from estimator.arrays import Array
 from estimator.lanes import respond_one
 from estimator.processes.poles import Poles
 
-__all__ = ["CORNER_PRICE", "NO_PROCESS", "Corner", "PiecewiseLoad", "load_response"]
+__all__ = [
+    "CORNER_PRICE",
+    "NO_PROCESS",
+    "Corner",
+    "PiecewiseLoad",
+    "course_of_corners",
+    "load_response",
+]
 
 CORNER_PRICE = 1.5
 """What a corner pays, in ``log(n)``: one for its place, half of one for its size."""
@@ -38,6 +45,14 @@ def load_response(load: Array, process: tuple[float, float, float, float]) -> Ar
     return respond_one(before, *process)[1:]
 
 
+def course_of_corners(corners: tuple[Corner, ...], n: int) -> Array:
+    """The load ``(n,)`` that has these corners."""
+    load = np.zeros(n)
+    for corner in corners:
+        load[corner.row :] += corner.step + corner.slope * np.arange(1.0, n - corner.row + 1.0)
+    return load
+
+
 @dataclass(frozen=True, slots=True)
 class PiecewiseLoad:
     """A load made of corners, of unknown size as a whole.
@@ -57,10 +72,7 @@ class PiecewiseLoad:
     def columns(self, stem: Array, poles: Poles, dead_time: int) -> Array:
         """The response to it, ``(1, n)``, its largest value one."""
         del poles, dead_time
-        n = stem.size
-        load = np.zeros(n)
-        for corner in self.corners:
-            load[corner.row :] += corner.step + corner.slope * np.arange(1.0, n - corner.row + 1.0)
+        load = course_of_corners(self.corners, stem.size)
         process = NO_PROCESS if self.through is None else self.through.coefficients
         found: Array = load_response(load, process)
         largest = float(np.abs(found).max())

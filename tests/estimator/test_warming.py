@@ -16,6 +16,7 @@ from numba.core.dispatcher import Dispatcher
 from benchmarks.examples import EXAMPLES, example_window
 from estimator import diagnosis, identify, warm_up
 from tests.closed_loop import run
+from tests.estimator.test_uneven_wave import uneven_wave
 
 def loaded():
     kernels = [o for o in gc.get_objects() if isinstance(o, Dispatcher)]
@@ -31,7 +32,9 @@ diagnosis.warm_up()
 before = loaded()
 sticky = run(band=6.0, jump=4.0, seed=3)
 wave = run(load=4.0 * np.sin(np.arange(1500) / 11.0), seed=4)
-loops = [(one.op, one.pv) for one in (sticky, wave, run(seed=5))]
+load = 4.0 * uneven_wave(900, 80.0, 0.05, 1)
+uneven = run(load=load, n=900, noise=0.05, gain=0.5, seed=1)
+loops = [(one.op, one.pv) for one in (sticky, wave, uneven, run(seed=5))]
 examples = [example_window(one, 0) for one in EXAMPLES]
 for op, pv in [*loops, *[(one.op, one.pv) for one in examples]]:
     identify(op, pv)
