@@ -10,13 +10,18 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis
 
 __all__ = ["steady_evidence"]
 
+_STILL = 1e-9
+"""Moves of the stem (shares of OP's span) that are rounding."""
+
 
 def steady_evidence(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> float:
     """Log Bayes factor (nats) without the part of the window that holds most of it.
 
     One jump of the load, or one bridged gap, may fall on a slip of some valve and count for that
     valve. The window is cut into equal parts, each is left out in turn, and the least evidence
-    counts. Nothing is fitted again but the size of the innovations; prices stay paid in full.
+    counts. Nothing is fitted again but the size of the innovations; prices stay paid in full. Where
+    all slips fall into one part's length, a stem at rest is left, which a load explains as well: 0
+    at most.
     """
     parts = case.settings.judging.parts
     counts = np.array([part.sum() for part in np.array_split(case.rows.weight, parts)])
@@ -24,7 +29,11 @@ def steady_evidence(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> floa
     gained = 0.5 * left * (_log_sizes(case, healthy, left) - _log_sizes(case, sticky, left))
     whole = case.log_likelihood(sticky.squares) - case.log_likelihood(healthy.squares)
     prices = sticky.likelihood - healthy.likelihood - whole
-    return float(gained.min()) + prices
+    least = float(gained.min()) + prices
+    slips = np.flatnonzero(np.abs(np.diff(sticky.stem)) > _STILL)
+    if slips.size and slips[-1] - slips[0] < case.rows.size / parts:
+        return min(least, 0.0)
+    return least
 
 
 def _log_sizes(case: Case, of: Hypothesis, left: Array) -> Array:

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator import ReasonCode, Verdict, identify
 from estimator.evidence.steadiness import steady_evidence
-from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.noise import WHITE
 from estimator.processes.poles import Poles, Shape
 
@@ -46,3 +47,36 @@ def test_evidence_of_one_part_is_left_out(loop, case: CaseOf, seed: int) -> None
     worse, better = _explanation(window, jumped), _explanation(window, noise)
     assert better.likelihood - worse.likelihood > 200.0
     assert steady_evidence(window, worse, better) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_stem_that_slips_in_one_part_and_rests_elsewhere_is_no_evidence_elsewhere(
+    loop, case: CaseOf
+) -> None:
+    window = case(*loop(None, samples=830)[:2])
+    noise = np.random.default_rng(1).normal(0.0, 0.1, window.rows.size)
+    worse, better = _explanation(window, 1.3 * noise), _explanation(window, noise)
+    rests = np.zeros(window.rows.size)
+    rests[300:340] = 0.5
+    once = replace(better, stem=rests)
+    assert steady_evidence(window, worse, once) == 0.0
+    rests = rests.copy()
+    rests[700:] = 0.5
+    again = replace(better, stem=rests)
+    assert steady_evidence(window, worse, again) > 100.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_valve_that_moves_in_one_burst_of_op_is_not_sure(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    op = 50.0 + np.cumsum(rng.normal(0.0, 0.1, 1000))
+    op -= np.linspace(0.0, op[-1] - 50.0, op.size)
+    op[100:140] += 20.0 * np.sin(np.linspace(0.0, 4.0 * np.pi, 40))
+    twice = op.copy()
+    twice[700:740] += 20.0 * np.sin(np.linspace(0.0, 4.0 * np.pi, 40))
+    noise = 0.1 * rng.normal(size=op.size)
+    valve = Valve(12.0, 6.0, 50.0)
+    once, both = (identify(u, LAG.response(valve.stem(u)) + noise) for u in (op, twice))
+    assert once.evidence.log_bayes_factor > 20.0
+    assert once.uncertain
+    assert once.reasons[0].code is ReasonCode.EVIDENCE_IN_ONE_PART
+    assert both.verdict is Verdict.STICTION
