@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import structlog
 
+from estimator import identify
+from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Findings
 from fieldlink.daemon.estimation.pool import EstimatorPool
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.sampling.slot_placing import CounterPlacer, Place
@@ -333,3 +337,13 @@ def test_a_device_that_flaps_is_summed_up() -> None:
     clock.advance_to(clock.monotonic() + 61.0)
     journal.event("device.good", "plc", "for good")
     assert put[-1].kind == "device.good"  # type: ignore[attr-defined]
+
+
+def test_the_log_line_of_a_window_without_figures_is_json() -> None:
+    found = Findings.of(identify(np.full(400, 50.0), np.full(400, 20.0)))
+    assert found.verdict == "not_assessable"
+    journal = Journal(list[Record]().append, VirtualClock(1e9))
+    with structlog.testing.capture_logs() as lines:
+        journal.estimate(Estimate("A", 0, 399, 1e9, EstimateOutcome.ESTIMATED, findings=found))
+    (line,) = lines
+    assert json.loads(json.dumps(line, allow_nan=False))["stick_band"] is None

@@ -144,7 +144,7 @@ def carry_out(order: Order, loop: LoopRunner, utc: float, *, read_only: bool) ->
     elif action is Action.ACCEPT and not orders.hold:
         raise OrderError(
             f"loop {loop.name} is not on hold, so its models are accepted by the rules of the site "
-            "file; after a withdrawal clear the PLC's enable bit and set it again"
+            "file; after a withdrawal clear the PLC's enable bit for four seconds and set it again"
         )
     elif action is Action.WRITEBACK_ON and not orders.off:
         raise OrderError(f"the write-back of loop {loop.name} is not switched off")

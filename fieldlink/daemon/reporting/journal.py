@@ -6,6 +6,7 @@ second. What changes all the time is summed up once a minute (`event_limit`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Future
 
@@ -38,6 +39,14 @@ _EXPECTED = frozenset(
         WritebackOutcome.SWITCHED_OFF,
     }
 )
+
+
+def _rounded(value: float, digits: int = 3) -> float | None:
+    """Return a figure for a log line; None for one that the estimator does not know.
+
+    A log of JSON has no NaN.
+    """
+    return round(value, digits) if math.isfinite(value) else None
 
 
 class Journal:
@@ -88,10 +97,10 @@ class Journal:
             "estimate",
             loop=estimate.loop,
             verdict=found.verdict,
-            score=round(found.score, 1),
-            stick_band=round(found.stick_band.value, 3),
-            slip_jump=round(found.slip_jump.value, 3),
-            r2=round(found.r2, 3),
+            score=_rounded(found.score, 1),
+            stick_band=_rounded(found.stick_band.value),
+            slip_jump=_rounded(found.slip_jump.value),
+            r2=_rounded(found.r2),
             seconds=round(found.seconds, 3),
             reason=found.reasons[0] if found.reasons else "",
         )

@@ -39,8 +39,8 @@ class WritebackOutcome(Enum):
     )
     HELD = (
         "held",
-        "an operator has withdrawn the loop's block; clear the PLC's enable bit and set it again "
-        "to let blocks be written",
+        "an operator has withdrawn the loop's block; clear the PLC's enable bit for four seconds "
+        "and set it again to let blocks be written",
     )
     ON_HOLD = ("on_hold", "an operator holds new blocks; accept the model to end that")
     SWITCHED_OFF = (
@@ -54,7 +54,7 @@ class WritebackOutcome(Enum):
     )
     CONTESTED = (
         "contested",
-        "stop the other one, then clear the PLC's enable bit and set it again",
+        "stop the other one, then clear the PLC's enable bit for four seconds and set it again",
     )
     DISAGREES = (
         "disagrees",
