@@ -6,12 +6,10 @@ import numpy as np
 
 from estimator.algebra import filter_rows
 from estimator.arrays import Array
+from estimator.evidence.verdict import slips_of
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 
 __all__ = ["steady_evidence"]
-
-_STILL = 1e-9
-"""Moves of the stem (shares of OP's span) that are rounding."""
 
 
 def steady_evidence(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> float:
@@ -30,7 +28,7 @@ def steady_evidence(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> floa
     whole = case.log_likelihood(sticky.squares) - case.log_likelihood(healthy.squares)
     prices = sticky.likelihood - healthy.likelihood - whole
     least = float(gained.min()) + prices
-    slips = np.flatnonzero(np.abs(np.diff(sticky.stem)) > _STILL)
+    slips = slips_of(sticky.stem)
     if slips.size and slips[-1] - slips[0] < case.rows.size / parts:
         return min(least, 0.0)
     return least

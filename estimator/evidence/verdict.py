@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Index
 from estimator.outcomes import Reason, ReasonCode, Verdict
 from estimator.result import Evidence, Fit
 from estimator.settings import Settings
 
-__all__ = ["Judgement", "count_strokes", "describe_stem", "judge"]
+__all__ = ["Judgement", "count_strokes", "describe_stem", "judge", "slips_of"]
 
 _STILL = 1e-9
+"""Moves of a stem (shares of OP's span) that are rounding."""
 _LEAST_EFFECT = 0.01
 """Share of PV's variance that sticking makes, below which it is not called with certainty (tuning
 family: one sticky valve of 400 makes less)."""
@@ -33,16 +34,20 @@ class Judgement:
     reasons: tuple[Reason, ...]
 
 
+def slips_of(stem: Array) -> Index:
+    """Samples after which a stem ``(n,)`` moves, by more than rounding."""
+    return np.flatnonzero(np.abs(np.diff(stem)) > _STILL)
+
+
 def count_strokes(stem: Array) -> int:
     """Strokes of a stem ``(n,)``: runs of moves in one direction."""
-    steps = np.diff(stem)
-    direction = np.sign(steps[np.abs(steps) > _STILL])
+    direction = np.sign(np.diff(stem)[slips_of(stem)])
     return 0 if direction.size == 0 else 1 + int((np.diff(direction) != 0).sum())
 
 
 def describe_stem(stem: Array) -> tuple[int, int, int]:
     """Moves, reversals and strokes of a stem ``(n,)``."""
-    moves = int((np.abs(np.diff(stem)) > _STILL).sum())
+    moves = slips_of(stem).size
     strokes = count_strokes(stem)
     return moves, max(0, strokes - 1), strokes
 

@@ -38,13 +38,18 @@ def command(*arguments: str) -> str:
     return result.stdout
 
 
-async def command_beside(*arguments: str) -> str:
-    """Run a command as a user does beside the daemon: a process with an output of its own."""
-    process = await asyncio.create_subprocess_exec(
+async def begun(*arguments: str, stderr: int | None = None) -> asyncio.subprocess.Process:
+    """Begin a command in a process of its own, whose stdout is read here."""
+    return await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "fieldlink.cli", *arguments),
         stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
+        stderr=stderr,
     )
+
+
+async def command_beside(*arguments: str) -> str:
+    """Run a command as a user does beside the daemon: a process with an output of its own."""
+    process = await begun(*arguments, stderr=asyncio.subprocess.PIPE)
     said, failed = await asyncio.wait_for(process.communicate(), PATIENCE)
     assert process.returncode == 0, failed.decode() or said.decode()
     return said.decode()
@@ -104,10 +109,7 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
                 return block is not None and (block.model is not None) == there
 
             await until(lambda: accepted_a_model(there=True), "a valid block on record")
-            following = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "fieldlink.cli", "events", file, "--follow", "--json"),
-                stdout=asyncio.subprocess.PIPE,
-            )
+            following = await begun("events", file, "--follow", "--json")
             followed = [await next_event(following)]
             found = json.loads(await command_beside("status", file, "--json", "--must-run"))
             await command_beside("withdraw", file, "PLC", "--reason", "the valve is repaired")

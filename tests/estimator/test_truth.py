@@ -56,7 +56,7 @@ def test_the_truth_is_not_likelier_than_what_is_found(
 
 @pytest.mark.parametrize("seed", [941, 943, 947, 956])
 def test_the_jump_of_a_valve_that_slips_to_op_is_found(seed: int) -> None:
-    # the first position of the stem decides all slips after it; J was said to be 0.6 to 0.9 of S
+    # the first position of the stem decides all slips after it; J once came out as 0.6 to 0.9 of S
     loop = draw("pure-slip", True, seed)
     result = identify(loop.op, loop.pv, sp=loop.sp, period=loop.period)
     assert result.stick_band.value == pytest.approx(loop.stick_band, rel=0.01)
