@@ -122,8 +122,9 @@ class Device(Model):
     """Readable address ranges (first, last), both included; no request crosses their borders."""
     speed: Factor = 1.0
     """Plant seconds per second of the wall clock, for a simulated plant."""
-    pace: Literal["clock", "plant"] = "clock"
-    """Who paces a simulated plant that is served: the clock, or the plant as fast as it can."""
+    pace: Literal["clock", "reader", "plant"] = "clock"
+    """Who paces a simulated plant that is served: the clock; the clock, but a scan waits until a
+    client has read the one before; or the plant as fast as it can."""
     tls: Tls | None = None
     """Certificates; needed for modbus-tls."""
     opcua: OpcuaSettings = OpcuaSettings()

@@ -23,7 +23,7 @@ from tests.cli.conftest import SCRIPT, Run
 def demonstrate(folder: Path, *options: str) -> dict[str, Any]:
     """Run a demonstration; return what it printed in the end."""
     command = [str(SCRIPT), "demo", *options, "--json", "--output", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=900)
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
     return found

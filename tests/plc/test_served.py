@@ -13,6 +13,7 @@ import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
 from fieldlink.lab.plc import PlcError, PlcServer, PortError, VirtualPlc, serve
+from fieldlink.lab.plc import server as pacing
 from fieldlink.lab.plc.server import ServedUnit
 from fieldlink.registers import (
     ACCEPTED,
@@ -198,6 +199,73 @@ async def test_a_suspended_machine_does_not_catch_up() -> None:
     unit = await paced(lambda k: 60.0 if k == 50 else 0.001, 63.0)
     assert unit.plc.scans == pytest.approx(150, abs=3)
     assert unit.left_out == pytest.approx(60.0, abs=0.1)
+
+
+class ReaderPacedPlc(CountingPlc):
+    """Its client reads a scan so many seconds after it, once it has come."""
+
+    pace = "reader"
+
+    def __init__(self, reads_after: Callable[[float], float]) -> None:
+        super().__init__(lambda _: 0.001)
+        self._reads_after = reads_after
+        self._at = 0.0
+        self.moments: list[float] = []
+
+    @property
+    def is_read(self) -> bool:
+        return self.clock.now >= self._at + self._reads_after(self._at)
+
+    def scan(self) -> None:
+        super().scan()
+        self._at = self.clock.now
+        self.moments.append(self._at)
+
+
+async def reader_paced(reads_after: Callable[[float], float], ends: float) -> ServedUnit:
+    stop = asyncio.Event()
+    plc = ReaderPacedPlc(reads_after)
+    plc.clock = CostlyClock(ends, stop)
+    server = PlcServer({1: plc}, clock=plc.clock)
+    await server.run(stop)
+    return server.units[0]
+
+
+async def test_a_scan_paced_by_its_reader_waits_for_the_read() -> None:
+    quick = await reader_paced(lambda _: 0.01, 3.0)
+    assert quick.plc.scans == pytest.approx(150, abs=2)
+    # A busy machine reads 70 ms after a scan: no scan goes unread, and nothing is caught up after.
+    busy = await reader_paced(lambda at: 0.07 if 1.0 < at < 2.0 else 0.01, 3.0)
+    between = np.diff(busy.plc.moments)
+    slow = (np.array(busy.plc.moments[1:]) > 1.1) & (np.array(busy.plc.moments[1:]) < 2.0)
+    assert (between[slow] >= 0.07).all()
+    assert between.min() >= 0.019
+
+
+async def test_a_reader_that_stays_away_is_waited_for_once() -> None:
+    """Before the first read nobody is waited for; after the last one two seconds, once."""
+    never = await reader_paced(lambda _: 1e9, 3.0)
+    assert never.plc.scans == pytest.approx(150, abs=2)
+    leaves = await reader_paced(lambda at: 0.01 if at < 1.0 else 1e9, 5.0)
+    waits = np.diff(leaves.plc.moments)
+    assert np.count_nonzero(waits > 0.1) == 1
+    assert waits.max() == pytest.approx(2.0, abs=0.1)
+
+
+async def test_every_scan_of_a_plc_paced_by_its_reader_is_read(
+    make_site: MakeSite, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Over a real socket: a client that reads every 30 ms misses no scan of 2 ms."""
+    monkeypatch.setattr(pacing, "READER_PATIENCE", 60.0)
+    counts = []
+    site = make_site(device='pace = "reader"')
+    async with served(site, speed=500.0) as plc, connected(plc) as client:
+        for _ in range(40):
+            words = (await client.read_holding_registers(0, count=9)).registers
+            counts.append(int(decode(words[7:9], DataType.UINT32)))
+            await asyncio.sleep(0.03)
+    assert set(np.diff(counts)) <= {0, 1}
+    assert counts[-1] > counts[0]
 
 
 async def test_a_port_in_use_is_an_error_with_a_remedy(make_site: MakeSite) -> None:

@@ -23,9 +23,9 @@ __all__ = ["Course", "Performance", "Step", "perform"]
 AFTER = 400
 """Cycles that the compensated loop is watched for, after it has settled."""
 
-PATIENCE = 180.0
-"""Wall seconds after which a demonstration that does not come to its end is given up: several times
-what it needs, because a machine that has other work is slower."""
+PATIENCE = 600.0
+"""Wall seconds after which a demonstration that does not come to its end is given up: twenty times
+what it needs, because the plant is slower on a machine that has other work."""
 
 BEAT = 0.1
 

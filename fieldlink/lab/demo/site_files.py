@@ -32,6 +32,10 @@ REPLAY_SECONDS = 18.0
 REPLAYED_SHARE = 0.85
 """Rows that make the window; the rest passes before the daemon is connected and while it works."""
 
+OLDEST = 600.0
+"""Wall seconds for which an estimate may wait to be written: as long as a demonstration may take.
+The plant does not change meanwhile; a busy machine needs many windows' time for an estimate."""
+
 
 class DemoError(FieldlinkError):
     """The demonstration cannot be set up or did not come to its end."""
@@ -133,6 +137,7 @@ def _values(
         "period": repr(period),
         "window": str(window),
         "estimate_every": repr(math.ceil(estimate_samples) * period),
+        "max_age": f"{OLDEST * speed:.6g}",
         "limit": f"{limit:.6g}",
         "deadband": f"{0.005 * limit:.6g}",
         "plant": plant,

@@ -11,6 +11,7 @@ from fieldlink.lab.plc.program import Commands, LoopFailedError, LoopProgram
 from fieldlink.lab.plc.setpoint import SetpointProfile
 from fieldlink.lab.plc.truth import CycleRecord, TruthLog
 from fieldlink.registers import ReaderState
+from fieldlink.registers.types import Table
 from fieldlink.site import Loop
 
 __all__ = ["HostedLoop", "exact_period", "manual_value"]
@@ -74,6 +75,11 @@ class HostedLoop:
         self._profile_sp = self._sp = math.nan
         self._show("mode", self._auto_values[0])
         self._show("op", program.op)
+
+    @property
+    def place(self) -> tuple[Table, int]:
+        """The register by which a client's read of a cycle is known: cycle counter's or PV's."""
+        return self._tags["scan" if "scan" in self._tags else "pv"].place
 
     def begin(self, now: float) -> None:
         """Begin a control cycle at ``now`` plant seconds: judge a block, decide OP."""

@@ -18,7 +18,7 @@ every undeclared bit reads 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -71,6 +71,7 @@ class RegisterImage:
         self._cells: dict[Table, dict[int, int]] = {table: {} for table in Table}
         self._writable: dict[Table, set[int]] = {table: set() for table in Table}
         self._guards: list[_Guard] = []
+        self._unread: set[tuple[Table, int]] = set()
 
     def define(
         self,
@@ -122,6 +123,15 @@ class RegisterImage:
                 raise KeyError(f"{table} register {cell} was never defined")
             cells[cell] = word
 
+    def await_read(self, places: Iterable[tuple[Table, int]]) -> None:
+        """Note registers that a client is to read, instead of those noted before; see `is_read`."""
+        self._unread = set(places)
+
+    @property
+    def is_read(self) -> bool:
+        """Whether clients have read every register that `await_read` noted last."""
+        return not self._unread
+
     def read(self, table: Table, address: int, count: int) -> list[int]:
         """Answer a client's read.
 
@@ -129,6 +139,8 @@ class RegisterImage:
             RequestRefusedError: exception 2 when one of the registers does not exist.
         """
         cells = self._cells[table]
+        if self._unread:
+            self._unread.difference_update((table, address + k) for k in range(count))
         try:
             return [cells[cell] for cell in range(address, address + count)]
         except KeyError as missing:

@@ -37,6 +37,11 @@ class TagPort:
         )
 
     @property
+    def place(self) -> tuple[Table, int]:
+        """Its table and first register."""
+        return self._tag.table, self._tag.address
+
+    @property
     def writable(self) -> bool:
         """Whether a client may write it."""
         return self._tag.writable

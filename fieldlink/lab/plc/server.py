@@ -7,7 +7,9 @@
 `serve` does that for a whole site. Each PLC scans every ``scan_period / speed`` to deadlines
 counted from the start, so that the plant's time does not drift from the wall clock. A scan that is
 not done by the next one's deadline is late and counted; what is missed is caught up, but a pause of
-more than a second (a suspended machine) is left out, as a PLC would.
+more than a second (a suspended machine) is left out, as a PLC would. Paced by its reader, a scan
+waits until a client has read the one before, and nothing is caught up: on a machine that has other
+work the plant is slower, and no sample is lost.
 """
 
 from __future__ import annotations
@@ -35,6 +37,12 @@ PATIENCE = 0.1
 """Seconds that a scan waits for plants, once for each that hangs: a plant needs 0.0002 s."""
 
 CATCH_UP = 1.0
+
+READER_PATIENCE = 2.0
+"""Seconds that a scan paced by its reader waits for a read, or for its plants: as long as the
+slowest client of a demonstration waits for an answer. A client that stays away is waited for once,
+until one reads again."""
+
 _log = structlog.get_logger(__name__)
 
 
@@ -47,12 +55,14 @@ class ServedUnit:
         unit: the unit id it answers to.
         late: scans that were not done by the next one's deadline.
         left_out: seconds of the wall clock that were not caught up.
+        has_reader: whether a client reads scan after scan, for one that is paced by it.
     """
 
     plc: VirtualPlc
     unit: int
     late: int = 0
     left_out: float = 0.0
+    has_reader: bool = False
 
 
 class PlcServer:
@@ -144,7 +154,12 @@ class PlcServer:
         known: set[str] = set()
         while True:
             # Also when it is late already: the network has a turn between two scans.
-            await self._clock.sleep_until(deadline if plc.pace == "clock" else 0.0)
+            await self._clock.sleep_until(deadline if plc.pace != "plant" else 0.0)
+            if plc.pace == "reader":
+                await self._await_reader(served, interval)
+                waited = max(0.0, self._clock.monotonic() - deadline)
+                served.left_out += waited
+                deadline += waited
             plc.scan()
             for loop in plc.failures.keys() - known:
                 known.add(loop)
@@ -158,6 +173,13 @@ class PlcServer:
             if lag > CATCH_UP:
                 served.left_out += lag
                 deadline += lag
+
+    async def _await_reader(self, served: ServedUnit, interval: float) -> None:
+        """Return when a client has read the last scan; at once where there is no client."""
+        until = self._clock.monotonic() + READER_PATIENCE
+        while served.has_reader and not served.plc.is_read and self._clock.monotonic() < until:
+            await self._clock.sleep_until(self._clock.monotonic() + 0.1 * interval)
+        served.has_reader = served.plc.is_read
 
 
 async def serve(
@@ -197,7 +219,7 @@ async def serve(
                     name,
                     speed=speed or device.speed,
                     pace=device.pace,
-                    patience=PATIENCE,
+                    patience=PATIENCE if device.pace != "reader" else READER_PATIENCE,
                     operator_switch=operator_switch,
                 )
                 stack.callback(plc.close)

@@ -46,8 +46,9 @@ class VirtualPlc:
         device: the device's name.
         speed: plant seconds per second of the wall clock, for who paces the scans. Fieldlink's
             heartbeat is dead after 10 seconds of the wall clock.
-        pace: who paces the scans: the clock, or the plants, scan after scan as fast as they can.
-            Without a clock no heartbeat is ever dead.
+        pace: who paces the scans: the clock; the clock, but each scan waits for a client that reads
+            (`is_read`); or the plants, scan after scan as fast as they can. Without a clock no
+            heartbeat is ever dead.
         isolated: run each FMU in a process of its own; a crash then ends one loop alone.
         patience: seconds of the wall clock that a scan waits for its plants together. A plant that
             takes longer goes on by itself and its loops stand still meanwhile; after 10 seconds it
@@ -67,7 +68,7 @@ class VirtualPlc:
         device: str,
         *,
         speed: float = 1.0,
-        pace: Literal["clock", "plant"] = "clock",
+        pace: Literal["clock", "reader", "plant"] = "clock",
         isolated: bool = True,
         patience: float = math.inf,
         programs: BuildProgram | None = None,
@@ -86,7 +87,7 @@ class VirtualPlc:
         self._operator_switch = operator_switch
         own = Programs(site, isolated=isolated)
         build = programs or own.build
-        dead_after = HEARTBEAT_TIMEOUT * speed if pace == "clock" else math.inf
+        dead_after = HEARTBEAT_TIMEOUT * speed if pace != "plant" else math.inf
         try:
             for name, loop in site.loops_of(device).items():
                 if loop.plant is not None:
@@ -135,6 +136,11 @@ class VirtualPlc:
         """Cycles in which a loop stood still because its plant had not answered, by loop."""
         return {name: loop.late for name, loop in self._loops.items()}
 
+    @property
+    def is_read(self) -> bool:
+        """Whether a client has read every loop of the last scan; true unless readers pace it."""
+        return self.image.is_read
+
     def scan(self, *, show: bool = True) -> None:
         """Run one control cycle of every loop whose period has passed.
 
@@ -155,6 +161,8 @@ class VirtualPlc:
             if show:
                 loop.show()
         self.scans += 1
+        if self.pace == "reader":
+            self.image.await_read(loop.place for loop in due)
 
     def show(self) -> None:
         """Bring the tags up to date, where scans did not show theirs."""
