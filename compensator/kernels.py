@@ -19,6 +19,7 @@ __all__ = [
     "lagged_products",
     "multiplied",
     "next_state",
+    "process_answer",
     "step_response_of",
     "weighted_mean",
     "weighted_spread",
@@ -87,6 +88,28 @@ def step_response_of(A: Array, B: Array, samples: int) -> Array:
             state[i] += B[i]
         response[k] = state[0]
     return response
+
+
+@kernel_for("float64[::1](float64[::1], float64[::1], float64[::1])")
+def process_answer(b: Array, a: Array, drive: Array) -> Array:
+    """Return what a process ``b/(1 + a)`` (the leading 1 left out of ``a``) makes of a drive, from
+    rest: the transposed direct form II of `scipy.signal.lfilter`, whose module takes longer to load
+    than the rest of a compensator.
+    """
+    order = max(a.size, b.size - 1)
+    zeros = np.zeros(order + 1)
+    zeros[: b.size] = b
+    poles = np.zeros(order)
+    poles[: a.size] = a
+    state = np.zeros(order + 1)
+    answer = np.empty(drive.size)
+    for k in range(drive.size):
+        x = drive[k]
+        y = state[0] + zeros[0] * x
+        for i in range(order):
+            state[i] = state[i + 1] + x * zeros[i + 1] - y * poles[i]
+        answer[k] = y
+    return answer
 
 
 @kernel_for("float64[:, ::1](float64[:, ::1], float64[:, ::1])")

@@ -20,10 +20,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from compensator.action import CompensatorError, RefusalKind, require_not_negative
-from compensator.kernels import next_state, step_response_of
+from compensator.kernels import next_state, process_answer, step_response_of
 from compensator.riccati import solve_riccati
 from loop_model import ProcessModel
 
@@ -33,6 +32,7 @@ __all__ = [
     "NoiseModel",
     "Prediction",
     "StateFilter",
+    "answer_of",
     "as_designed",
 ]
 
@@ -168,7 +168,7 @@ class Prediction:
         """Largest change of PV within one scan that a step of OP by one makes."""
         impulse = np.zeros(_FASTEST_WITHIN)
         impulse[0] = 1.0
-        return float(np.abs(lfilter(self.process.b, [1.0, *self.process.a], impulse)).max())
+        return float(np.abs(answer_of(self.process, impulse)).max())
 
     def equilibrium(self, pv: float, disturbance: float) -> tuple[Array, float]:
         """Return the state (shape ``(n,)``) and the input at which PV rests at ``pv``."""
@@ -242,6 +242,13 @@ def as_designed(gains: Array) -> Array:
     step = math.ldexp(1.0, math.frexp(largest)[1] - _DESIGNED_BITS)  # exact: a power of two
     rounded: Array = np.ascontiguousarray(np.round(gains / step) * step)
     return rounded
+
+
+def answer_of(process: ProcessModel, drive: Array) -> Array:
+    """Return what a process makes of a drive (shape ``(n,)``) from rest, without its dead time."""
+    return process_answer(
+        np.array(process.b), np.array(process.a), np.ascontiguousarray(drive, dtype=np.float64)
+    )
 
 
 @lru_cache(maxsize=_REMEMBERED)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from estimator.arrays import Array, Mask
 from estimator.settings import Screening
@@ -95,7 +95,7 @@ def find_spikes(values: Array, deviation: float) -> tuple[Mask, Array]:
         values: finite samples.
         deviation: of what the loop does, in the same units.
     """
-    rest = values - median_filter(values, size=_AROUND, mode="nearest")
+    rest = values - scipy.ndimage.median_filter(values, size=_AROUND, mode="nearest")
     noise = float(np.quantile(np.abs(rest), 1.0 - _SHARE)) / _TO_DEVIATION
     steps = np.abs(np.diff(values))
     quick = float(np.quantile(steps[steps > 0.0], _QUICK)) if steps.any() else 0.0

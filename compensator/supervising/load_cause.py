@@ -17,9 +17,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
-from compensator.prediction import Prediction
+from compensator.prediction import Prediction, answer_of
 from compensator.supervising.figures import Sample
 from loop_model import ValveModel
 
@@ -67,8 +66,7 @@ def _answer(drive: Array, prediction: Prediction) -> Array:
     p = prediction.process
     late = prediction.dead_time
     delayed = np.concatenate([np.zeros(late), drive])[: drive.size]
-    answer: Array = np.asarray(lfilter(p.b, [1.0, *p.a], delayed), dtype=np.float64)
-    return answer
+    return answer_of(p, delayed)
 
 
 def _misfit(rest: Array, step: Array) -> float:

@@ -18,10 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from compensator.action import CompensatorError, require_positive, require_whole
-from compensator.prediction import Prediction, settling_samples
+from compensator.prediction import Prediction, answer_of, settling_samples
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["RecordCheckSettings", "answer_correlation", "seen_agreement", "seen_friction"]
@@ -166,7 +165,7 @@ def answer_correlation(
     p = model.process.as_controlled()
     late = p.dead_time - 1
     drive = np.concatenate([np.zeros(late), stem - stem[0]])[: stem.size]
-    answer = np.asarray(lfilter(p.b, [1.0, *p.a], drive), dtype=np.float64)
+    answer = answer_of(p, drive)
     prediction = Prediction.of(p, "input")
     window = 3 * (20 + prediction.dead_time)
     if not p.is_integrating:

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from estimator.arrays import Array, Mask
 from estimator.controller.fits import TIE, Fit, fit_columns, left_by_pole, triangle_of
@@ -147,7 +147,7 @@ def _at_ends(parts: _Parts, on: str, terms: tuple[str, ...]) -> tuple[Array, Arr
 def _best_pole(pair: tuple[Array, Array], start: int) -> float:
     """The best pole between the neighbours of the one of that place."""
     ends = (0.0, *_POLES, _LAST_POLE)
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda a: left_by_pole(*pair, np.array([a]))[0],
         bounds=(ends[start], ends[start + 2]),
         method="bounded",

@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from estimator.published.paper_fit import ArxWindow, PaperFit
 from estimator.valves import HeValve
@@ -93,7 +93,7 @@ def best_with_same_moves(window: ArxWindow, fit: PaperFit) -> PaperFit:
             return math.inf
         return window.solve(valve.simulate(window.op, fit.stem0))[1]
 
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         cost, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * window.span}
     )
     valve = cell.valve(float(found.x))

@@ -65,22 +65,27 @@ def demo(
     import logging
 
     from fieldlink.cli.tables import data_console
-    from fieldlink.daemon import configure_logging
-    from fieldlink.lab.demo.outcome import DemoOutcome
-    from fieldlink.lab.demo.report import write_report
-    from fieldlink.lab.demo.running import perform
-    from fieldlink.lab.demo.site_files import recorded_scene, simulated_scene
+    from fieldlink.lab.demo.site_files import PORT, recorded_scene, simulated_scene
 
-    configure_logging(logging.WARNING)
     if recording is None:
         scene = simulated_scene(output, seed=seed)
     else:
         scene = recorded_scene(output, recording)
+    # A folder that cannot be written is said before anything is loaded.
+    scene.write(PORT)
+
+    from fieldlink.daemon import configure_logging
+    from fieldlink.lab.demo.outcome import DemoOutcome
+    from fieldlink.lab.demo.running import perform
+
+    configure_logging(logging.WARNING)
     console = data_console(stderr=as_json, highlight=False)
     view = _View(console, scene.loop)
     _load_kernels(console)
 
     def finish(performance: Performance) -> None:
+        from fieldlink.lab.demo.report import write_report
+
         view.end()
         found = performance.findings
         outcome = DemoOutcome.of(

@@ -42,16 +42,28 @@ def test_errors_of_packages_that_are_loaded_are_explained(
     assert said == "fieldlink: too few samples\nfieldlink: it has ended\n"
 
 
+def loaded_by(code: str, *, among: set[str]) -> set[str]:
+    """Return which of some modules a new process holds after ``code``."""
+    code += f"\nimport sys; print(*({among!r} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
 def test_a_refusal_and_the_run_of_an_fmu_load_no_numerics_that_they_do_not_use() -> None:
     code = (
-        "import sys, fieldlink.lab.fmu as _\n"
+        "import fieldlink.lab.fmu\n"
         "from fieldlink.cli.errors import explain\n"
         "from fieldlink.errors import FieldlinkError\n"
         "assert explain(FieldlinkError('no'))\n"
-        "print({'compensator', 'estimator', 'numba', 'scipy.signal'} & set(sys.modules))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
+    assert not loaded_by(code, among={"compensator", "estimator", "numba", "scipy.signal"})
+
+
+def test_neither_estimator_nor_compensator_loads_what_takes_longer_than_itself() -> None:
+    """Every worker of a daemon, every command and a PLC's simulation begins with them."""
+    code = "import compensator, estimator, fieldlink.lab.plc"
+    slow = {"casadi", "matplotlib", "pandas", "scipy.optimize", "scipy.signal", "scipy.stats"}
+    assert not loaded_by(code, among=slow)
 
 
 NOWHERE = f"{'x' * 300}/"

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from compensator import CompensatorError, NoiseModel, Prediction
-from compensator.prediction import StateFilter
+from compensator.prediction import StateFilter, answer_of
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2, Plant
 from loop_model import ProcessModel
 
@@ -30,6 +30,13 @@ def test_state_space_gives_the_arx_model_s_output(process: ProcessModel) -> None
         pv.append(state[0])
         state = prediction.A @ state + prediction.B * x
     np.testing.assert_allclose(pv, reference[: len(pv)], atol=1e-9)
+
+
+@pytest.mark.parametrize("process", [*PROCESSES, ProcessModel((), (0.2, 0.1, 0.3), 1, 0.0, 1.0)])
+def test_the_answer_to_a_drive_is_scipy_s(process: ProcessModel) -> None:
+    drive = np.random.default_rng(2).normal(0.0, 1.0, 200)
+    expected = signal.lfilter(process.b, [1.0, *process.a], drive)
+    np.testing.assert_allclose(answer_of(process, drive), expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.3, 0.99])

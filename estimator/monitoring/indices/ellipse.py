@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import linalg
 
 from estimator.monitoring.indices._signals import Array, detrended, pair
 from estimator.monitoring.indices.oscillation import oscillation
@@ -49,7 +49,7 @@ def _width(x: Array, y: Array) -> float:
     reduced = quadratic.T @ quadratic + s2 @ to_linear
     # Halir and Flusser's constraint 4ac - b^2 = 1 turns the fit into this eigenvalue problem.
     reduced = np.array([reduced[2] / 2.0, -reduced[1], reduced[0] / 2.0])
-    vectors = np.real(linalg.eig(reduced)[1])
+    vectors = np.real(scipy.linalg.eig(reduced)[1])
     fits = 4.0 * vectors[0] * vectors[2] - vectors[1] ** 2
     if fits.max() <= 0.0:
         return math.nan

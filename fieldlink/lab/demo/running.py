@@ -13,7 +13,7 @@ from fieldlink.lab.demo.judged_windows import JudgedWindows
 from fieldlink.lab.demo.outcome import SETTLE
 from fieldlink.lab.demo.plc_process import PlcCourse, PlcProcess
 from fieldlink.lab.demo.registers import RegisterRow, read_block
-from fieldlink.lab.demo.site_files import DEVICE, DemoError, Scene
+from fieldlink.lab.demo.site_files import DEVICE, PORT, DemoError, Scene
 from fieldlink.registers import Status
 from fieldlink.site import Site
 from fieldlink.web import page_address, web_server
@@ -99,7 +99,7 @@ def perform(
     plc = PlcProcess(scene.file, scene.loop)
     try:
         # The first writing is for the PLC, which picks its port; the second names that port.
-        scene.write(502)
+        scene.write(PORT)
         site = scene.write(plc.start())
         director = _Director(scene, site, watch, plc)
         performance = asyncio.run(director.run(hold, opened, finished))

@@ -17,9 +17,12 @@ from fieldlink.site import Site, load_site, read_recording
 from fmu_models import catalogue
 from loop_model import ValveModel
 
-__all__ = ["DEVICE", "DemoError", "Scene", "recorded_scene", "simulated_scene"]
+__all__ = ["DEVICE", "PORT", "DemoError", "Scene", "recorded_scene", "simulated_scene"]
 
 DEVICE = "plc"
+
+PORT = 502
+"""The port that Modbus has by its standard, for a site file before the simulated PLC has one."""
 
 PLANT = "example1"
 SPEED = 40.0
