@@ -153,7 +153,7 @@ class CompensateService:
         self._write = write
         self._op_out = op_out_of(site, self.loop)
         self._layout = exchange_of(name, self.loop)
-        self._link = link_to(site, self.loop, self._op_out, write=self.writes, clock=clock)
+        self._link = link_to(site, name, self._op_out, write=self.writes, clock=clock)
         if not isinstance(self._link, RegisterAccess):
             raise CompensateError(
                 f"loop {name}: device {self.loop.device!r} has no registers; use a Modbus device"
