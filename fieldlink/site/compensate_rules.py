@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fieldlink.registers import DataType, Table
+from fieldlink.registers import DataType, RegisterValueError, Table
 from fieldlink.site.checked_site import Site
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.models import Loop
@@ -63,3 +63,13 @@ def _op_out_fits(
             f"{wanted} is not writable in the register map",
             "set writable = yes there if the PLC expects OP in it",
         )
+    else:
+        for end in ("low", "high"):
+            try:
+                tag.encode(getattr(loop.compensate, end))
+            except RegisterValueError as error:
+                yield source.problem(
+                    ("loops", name, "compensate", end),
+                    f"OP could not be written to {error}",
+                    "give low and high inside what the tag takes",
+                )

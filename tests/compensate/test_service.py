@@ -305,3 +305,8 @@ def test_bad_tables_are_refused_with_the_remedy(tmp_path: Path) -> None:
     path.write_text(good.replace("low = 20.0", "low = 90.0"))
     with pytest.raises(Exception, match="low = 90 is not below high = 80"):
         load_site(path)
+    path.write_text(good.replace("high = 80.0", "high = 120.0"))
+    with pytest.raises(
+        SiteError, match=r"OP could not be written to FC101.OP: 120 is above the high limit"
+    ):
+        load_site(path)
