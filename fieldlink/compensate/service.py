@@ -11,8 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
-from enum import Enum
 
 from compensator import (
     Action,
@@ -35,6 +33,8 @@ from fieldlink.compensate.memory_file import (
     save_memory,
 )
 from fieldlink.compensate.offers import refusal_of, uncertainty_of
+from fieldlink.compensate.op_watch import OpWatch
+from fieldlink.compensate.verdicts import Step, Verdict, with_verdict
 from fieldlink.compensate.wiring import (
     CompensateError,
     exchange_of,
@@ -71,39 +71,6 @@ _GIVEN_UP_DRY = (
     " (in a dry run nothing moves the valve, so this says nothing of the model: with --write it is "
     "judged anew)"
 )
-
-
-class Verdict(Enum):
-    """The outcome of the OP of one scan; the value is the advice."""
-
-    WRITTEN = "OP was written"
-    DRY_RUN = "OP would be written; ask for --write to do it"
-    NOT_ENABLED = "the site file does not enable it; set enabled = true in the table compensate"
-    PLC_DISABLED = "the PLC's enable bit is 0: the operator does not allow it"
-    MANUAL = "the loop is in manual"
-    NO_MODEL = "no block is in force: the PLC's own controller has the loop"
-    WAITING = "the PLC's own controller has the loop; see the reason"
-    NOT_READ = "OP, PV or SP could not be read: nothing is computed from old values"
-    WRITE_FAILED = "the PLC did not confirm the write; the PLC's time-out decides"
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One scan: what was read, computed, and done.
-
-    Attributes:
-        verdict: the outcome of ``op``.
-        pv, sp, op_before: as read, NaN where that failed.
-        op: computed; NaN when nothing was.
-        detail: the compensator's or the link's words.
-    """
-
-    verdict: Verdict
-    pv: float
-    sp: float
-    op_before: float
-    op: float
-    detail: str
 
 
 class _PlcsOwn:
@@ -183,6 +150,8 @@ class CompensateService:
         self._since_kept = 0
         self._tell, self._unkept = tell, False
         self._held = ExitStack()
+        self._op_watch = OpWatch(limits.high - limits.low, self.supervisor.settings.pv_bad_limit)
+        self._ignored = ""
         self._model: LoopModel | None = None
         self._followed_at: float | None = None
         self._last_op = self._last_sp = math.nan
@@ -227,6 +196,7 @@ class CompensateService:
         self._make_up_for_lost_scans(now, sp, op)
         self._follow(block)
         automatic = self._automatic(scan)
+        self._heed_an_ignored_op(op)
         action = self.supervisor.step(pv, sp, op, automatic=automatic)
         if self._must_keep():
             self._keep_memory()
@@ -239,11 +209,30 @@ class CompensateService:
             verdict = Verdict.PLC_DISABLED if disabled else Verdict.NO_MODEL
             return Step(verdict, pv, sp, op, math.nan, words)
         if not self.supervisor.compensating:
-            words = (self.supervisor.refusal or self.supervisor.reason.value) + untold
+            why = self._ignored or self.supervisor.refusal or self.supervisor.reason.value
+            words = why + untold
             if len(self.supervisor.memory.given_up) > self._known_before and not self.writes:
                 words += _GIVEN_UP_DRY
             return Step(Verdict.WAITING, pv, sp, op, math.nan, words)
-        return await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
+        done = await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
+        if done.verdict is Verdict.WRITTEN:
+            self._op_watch.wrote(done.op)
+        return done
+
+    def _heed_an_ignored_op(self, op: float) -> None:
+        """Let go of a loop whose PLC does not take OP: the model is not to blame for what follows.
+
+        The next block is tried again, and so is this one after a restart.
+        """
+        if not self.supervisor.compensating:
+            self._op_watch.wrote_nothing()
+        elif not self._op_watch.look(op):
+            self._ignored = (
+                f"OP does not follow what is written to {self.settings.op_out}: let the PLC take "
+                "OP from there in this mode, then start again"
+            )
+            self._tell(self._ignored)
+            self.supervisor.withdraw(WithdrawReason.OPERATOR)
 
     def _make_up_for_lost_scans(self, now: float, sp: float, op: float) -> None:
         """Let the supervisor know of the scans since the last one, in which nothing was read.
@@ -299,7 +288,7 @@ class CompensateService:
         wanted = self._limits.clip(step.op, step.op_before)
         done = Step(step.verdict, step.pv, step.sp, step.op_before, wanted, step.detail)
         if not self.settings.enabled:
-            return _with(done, Verdict.NOT_ENABLED)
+            return with_verdict(done, Verdict.NOT_ENABLED)
         if not self.writes:
             return done
         assert self._op_out is not None
@@ -307,9 +296,9 @@ class CompensateService:
             words = self._op_out.encode(wanted)
             await self._access.write_registers(self._op_out.address, words)
         except (LinkError, RegisterValueError) as error:
-            return _with(done, Verdict.WRITE_FAILED, str(error))
+            return with_verdict(done, Verdict.WRITE_FAILED, str(error))
         self.writes_done += 1
-        return _with(done, Verdict.WRITTEN)
+        return with_verdict(done, Verdict.WRITTEN)
 
     async def _tell_refusal(self, block: ReaderState) -> str:
         """Write to the PLC why the accepted block's model is not used, once for each change.
@@ -367,7 +356,7 @@ class CompensateService:
         model = block.model
         if model == self._model:
             return
-        self._model = model
+        self._model, self._ignored = model, ""
         if model is not None and block.in_force is not None:
             self.supervisor.offer(model, uncertainty_of(block.in_force))
         elif block.fallback is Fallback.EXPIRED:
@@ -388,8 +377,3 @@ class CompensateService:
                 'pip install "fieldlink[nlp]" or use controller = "hybrid"'
             ) from error
         return lambda model, _: EmbeddingMpc(model, EmbeddingSettings(limits=limits))
-
-
-def _with(step: Step, verdict: Verdict, detail: str | None = None) -> Step:
-    words = step.detail if detail is None else detail
-    return Step(verdict, step.pv, step.sp, step.op_before, step.op, words)

@@ -267,6 +267,32 @@ async def test_after_a_long_silence_the_plcs_own_controller_has_the_loop_first(
         await service.close()
 
 
+async def test_a_plc_that_does_not_take_op_is_named_and_the_model_is_not_blamed(
+    tmp_path: Path,
+) -> None:
+    """A switch in the PLC that stands elsewhere is no reason to refuse the model for hours."""
+    make_site(tmp_path)
+    path = tmp_path / "site.toml"
+    (tmp_path / "map.csv").write_text(
+        MAP.format(writable="yes") + "FC101.OPX,holding,20,float32,0,100,yes\n"
+    )
+    path.write_text(path.read_text().replace('op_out = "FC101.OP"', 'op_out = "FC101.OPX"'))
+    site, told = load_site(path), list[str]()
+    async with served(site) as plc:
+        site = site.with_device("plc", port=plc.port)
+        service = CompensateService(site, "FC101", write=True, tell=told.append)
+        await service.open()
+        plc.enable(True)
+        plc.send_block()
+        done = await steps(service, plc, 0, 150)
+        await service.close()
+    assert service.writes_done > 0
+    assert done[-1].verdict is Verdict.WAITING
+    assert "OP does not follow what is written to FC101.OPX" in done[-1].detail
+    assert len(told) == 1
+    assert service.supervisor.memory.given_up == ()
+
+
 async def test_one_process_writes_op_of_a_loop_and_a_dry_run_may_look_on(tmp_path: Path) -> None:
     site = make_site(tmp_path)
     first = CompensateService(site, "FC101", write=True)
