@@ -67,6 +67,8 @@ _NO_BLOCK = (0,) * BLOCK_REGISTERS
 _KEEP_EVERY = 60
 """Scans between two writes of the memory at least, unless a model is given up."""
 
+_LOOKS = "it follows the loop until it knows where the stem is, and the valve rests"
+
 _GIVEN_UP_DRY = (
     " (in a dry run nothing moves the valve, so this says nothing of the model: with --write it is "
     "judged anew)"
@@ -209,7 +211,9 @@ class CompensateService:
             verdict = Verdict.PLC_DISABLED if disabled else Verdict.NO_MODEL
             return Step(verdict, pv, sp, op, math.nan, words)
         if not self.supervisor.compensating:
-            why = self._ignored or self.supervisor.refusal or self.supervisor.reason.value
+            reason = self.supervisor.reason
+            passing = _LOOKS if reason is WithdrawReason.NONE else reason.value
+            why = self._ignored or self.supervisor.refusal or passing
             words = why + untold
             if len(self.supervisor.memory.given_up) > self._known_before and not self.writes:
                 words += _GIVEN_UP_DRY
