@@ -19,7 +19,7 @@ class OpWatch:
 
     Args:
         span: range of OP that may be written.
-        patience: scans in a row without following after which the PLC is said not to take OP.
+        patience: scans in a row without following after which the PLC does not take OP.
     """
 
     def __init__(self, span: float, patience: int) -> None:

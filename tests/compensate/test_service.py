@@ -72,6 +72,22 @@ parameters = {{ op_start = 50.0 }}
 """
 
 
+PV_ROW = "FC101.PV,holding,2,float32,0,100,yes"
+SECOND_LOOP = """
+[loops.FC102]
+device = "plc"
+op = "FC101.VIEW"
+pv = "FC101.PV"
+sp = "FC101.SP"
+period = 1.0
+[loops.FC102.writeback]
+base = 400
+loop_id = 102
+[loops.FC102.compensate]
+op_out = "FC101.OP"
+"""
+
+
 def make_site(
     folder: Path, *, enabled: bool = True, writable: str = "yes", limits: str = ""
 ) -> Site:
@@ -330,6 +346,16 @@ def test_bad_tables_are_refused_with_the_remedy(tmp_path: Path) -> None:
         load_site(path)
     path.write_text(good.replace("low = 20.0", "low = 90.0"))
     with pytest.raises(Exception, match="low = 90 is not below high = 80"):
+        load_site(path)
+    for owned, role in (("FC101.SP", "sp"), ("FC101.PV", "pv"), ("FC101.VIEW", "mode")):
+        rows = MAP.format(writable="yes").replace("FC101.PV,holding,2,float32,,,", PV_ROW)
+        rows = rows.replace("4,float32,0,100,", "4,float32,0,100,yes")
+        (tmp_path / "map.csv").write_text(rows + "FC101.VIEW,holding,6,uint16,,,yes\n")
+        path.write_text(good.replace('op_out = "FC101.OP"', f'op_out = "{owned}"'))
+        with pytest.raises(SiteError, match=f"{owned} is the {role} of this loop: OP would be"):
+            load_site(path)
+    path.write_text(good + SECOND_LOOP)
+    with pytest.raises(SiteError, match=r"FC101.OP is the op_out of loop FC102: OP would be"):
         load_site(path)
     path.write_text(good.replace("high = 80.0", "high = 120.0"))
     with pytest.raises(
