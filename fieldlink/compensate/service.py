@@ -221,6 +221,8 @@ class CompensateService:
         done = await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
         if done.verdict is Verdict.WRITTEN:
             self._op_watch.wrote(done.op)
+        else:
+            self._op_watch.wrote_nothing()
         return done
 
     def _heed_an_ignored_op(self, op: float) -> None:
