@@ -40,7 +40,7 @@ def compensate(
 
     configure_logging()
     loaded = load_site(site)
-    service = CompensateService(loaded, loop, write=write)
+    service = CompensateService(loaded, loop, write=write, tell=typer.echo)
     if not service.writes:
         why = "without --write" if not write else "compensate.enabled is not true"
         typer.echo(f"dry run ({why}): nothing will be written")

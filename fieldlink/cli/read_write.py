@@ -88,7 +88,14 @@ def write(
 
     A site file allows tags that its register map calls writable, inside their range.
     """
-    from fieldlink.links.single_values import as_manual_address, read_points, words_for, write_point
+    from fieldlink.links import LinkError
+    from fieldlink.links.single_values import (
+        as_manual_address,
+        is_held,
+        read_points,
+        words_for,
+        write_point,
+    )
 
     if (other := as_manual_address(what)) is not None:
         raise typer.BadParameter(
@@ -111,6 +118,13 @@ def write(
             )
         typer.confirm(f"write {value} {point.tag.unit}".rstrip() + "?", abort=True)
     after = asyncio.run(write_point(point, words))
+    if not is_held(point.tag, words, after):
+        raise LinkError(
+            point.name,
+            f"the write was confirmed, but it holds {value_text(point, after)} now",
+            "look for a limit or a protection of it in the device, and for a program or another "
+            "client that writes it",
+        )
     typer.echo(f"written; it holds {value_text(point, after)} now")
 
 

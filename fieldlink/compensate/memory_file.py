@@ -7,6 +7,10 @@ place at once, so that a power failure leaves the older one.
 
 from __future__ import annotations
 
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -17,7 +21,7 @@ from fieldlink.errors import FieldlinkError
 from fieldlink.unfinished_file import write_whole
 from loop_model import LoopModel
 
-__all__ = ["MemoryFileError", "load_memory", "save_memory"]
+__all__ = ["MemoryFileError", "load_memory", "only_writer", "save_memory"]
 
 
 class MemoryFileError(FieldlinkError):
@@ -46,6 +50,37 @@ class _Memory(BaseModel):
     figures: LoopFigures | None
     gain_sign: int
     given_up: tuple[_GivenUp, ...]
+
+
+@contextmanager
+def only_writer(file: Path) -> Iterator[None]:
+    """Be the only process that writes OP with a memory file, while the block runs.
+
+    The lock is on a file beside it, because the memory is replaced as a whole, and ends with the
+    process, however that ends.
+
+    Raises:
+        MemoryFileError: another process has it, or there is no place for the lock.
+    """
+    beside = file.with_name(f"{file.name}.lock")
+    try:
+        lock = os.open(beside, os.O_CREAT | os.O_RDWR, 0o640)
+    except OSError as error:
+        raise MemoryFileError(
+            f"{beside}: cannot be made ({error.strerror}); check the folder and its permissions, "
+            "or name another place with memory"
+        ) from error
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise MemoryFileError(
+                f"{file}: another process compensates this loop already; stop it first, or run "
+                "this one without --write"
+            ) from error
+        yield
+    finally:
+        os.close(lock)
 
 
 def save_memory(file: Path, loop: str, memory: LoopMemory, *, period: float, now: float) -> None:

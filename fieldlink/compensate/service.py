@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum
+from contextlib import ExitStack
 
 from compensator import (
     Action,
@@ -27,8 +26,15 @@ from compensator import (
     Uncertainty,
     WithdrawReason,
 )
-from fieldlink.compensate.memory_file import load_memory, save_memory
+from fieldlink.compensate.memory_file import (
+    MemoryFileError,
+    load_memory,
+    only_writer,
+    save_memory,
+)
 from fieldlink.compensate.offers import refusal_of, uncertainty_of
+from fieldlink.compensate.op_watch import OpWatch
+from fieldlink.compensate.verdicts import Step, Verdict, with_verdict
 from fieldlink.compensate.wiring import (
     CompensateError,
     exchange_of,
@@ -43,9 +49,11 @@ from fieldlink.registers import (
     BlockReader,
     ExchangeWords,
     Fallback,
+    ParameterBlock,
     ReaderState,
     Refusal,
     RegisterValueError,
+    commit_word,
 )
 from fieldlink.site import Loop, Site
 from fieldlink.site.compensate import CompensateSettings
@@ -54,41 +62,17 @@ from loop_model import LoopModel
 __all__ = ["CompensateError", "CompensateService", "Step", "Verdict"]
 
 
+_NO_BLOCK = (0,) * BLOCK_REGISTERS
+
 _KEEP_EVERY = 60
 """Scans between two writes of the memory at least, unless a model is given up."""
 
+_LOOKS = "it follows the loop until it knows where the stem is, and the valve rests"
 
-class Verdict(Enum):
-    """The outcome of the OP of one scan; the value is the advice."""
-
-    WRITTEN = "OP was written"
-    DRY_RUN = "OP would be written; ask for --write to do it"
-    NOT_ENABLED = "the site file does not enable it; set enabled = true in the table compensate"
-    PLC_DISABLED = "the PLC's enable bit is 0: the operator does not allow it"
-    MANUAL = "the loop is in manual"
-    NO_MODEL = "no block is in force: the PLC's own controller has the loop"
-    WAITING = "the PLC's own controller has the loop; see the reason"
-    NOT_READ = "OP, PV or SP could not be read: nothing is computed from old values"
-    WRITE_FAILED = "the PLC did not confirm the write; the PLC's time-out decides"
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One scan: what was read, computed, and done.
-
-    Attributes:
-        verdict: the outcome of ``op``.
-        pv, sp, op_before: as read, NaN where that failed.
-        op: computed; NaN when nothing was.
-        detail: the compensator's or the link's words.
-    """
-
-    verdict: Verdict
-    pv: float
-    sp: float
-    op_before: float
-    op: float
-    detail: str
+_GIVEN_UP_DRY = (
+    " (in a dry run nothing moves the valve, so this says nothing of the model: with --write it is "
+    "judged anew)"
+)
 
 
 class _PlcsOwn:
@@ -114,6 +98,7 @@ class CompensateService:
         name: of the loop.
         write: whether OP may be written at all; without it every step is a dry run.
         clock: stamps readings.
+        tell: called with what the operator has to know.
 
     Raises:
         CompensateError: the site file lacks what is needed, or forbids it.
@@ -121,7 +106,13 @@ class CompensateService:
     """
 
     def __init__(
-        self, site: Site, name: str, *, write: bool = False, clock: Clock | None = None
+        self,
+        site: Site,
+        name: str,
+        *,
+        write: bool = False,
+        clock: Clock | None = None,
+        tell: Callable[[str], None] = print,
     ) -> None:
         if name not in site.loops:
             raise CompensateError(f"there is no loop {name!r}; choose from {', '.join(site.loops)}")
@@ -131,7 +122,7 @@ class CompensateService:
         self._write = write
         self._op_out = op_out_of(site, self.loop)
         self._layout = exchange_of(name, self.loop)
-        self._link = link_to(site, self.loop, self._op_out, write=self.writes, clock=clock)
+        self._link = link_to(site, name, self._op_out, write=self.writes, clock=clock)
         if not isinstance(self._link, RegisterAccess):
             raise CompensateError(
                 f"loop {name}: device {self.loop.device!r} has no registers; use a Modbus device"
@@ -142,7 +133,10 @@ class CompensateService:
             self.loop.writeback.loop_id,
             word_order=site.devices[self.loop.device].word_order,
             heartbeat_timeout=self.settings.heartbeat_timeout,
+            age=self._age,
         )
+        self._speed = site.devices[self.loop.device].speed
+        self._accepted_commit = 0
         limits = OpLimits(self.settings.low, self.settings.high, self.settings.rate)
         self._limits = limits
         self.supervisor = Supervisor(
@@ -154,8 +148,15 @@ class CompensateService:
             load_memory(self._memory_file, name, period=self.loop.period, now=self._clock.utc())
         )
         self._kept = self.supervisor.memory
+        self._known_before = len(self._kept.given_up)
         self._since_kept = 0
+        self._tell, self._unkept = tell, False
+        self._held = ExitStack()
+        self._op_watch = OpWatch(limits.high - limits.low, self.supervisor.settings.pv_bad_limit)
+        self._ignored = ""
         self._model: LoopModel | None = None
+        self._followed_at: float | None = None
+        self._last_op = self._last_sp = math.nan
         self._told: tuple[int, Refusal | None] = (0, None)
         self.writes_done = 0
 
@@ -165,7 +166,13 @@ class CompensateService:
         return self._write and self.settings.enabled
 
     async def open(self) -> None:
-        """Make the link ready."""
+        """Make the link ready.
+
+        Raises:
+            MemoryFileError: another process writes OP of this loop.
+        """
+        if self.writes:
+            self._held.enter_context(only_writer(self._memory_file))
         await self._link.open()
 
     async def close(self) -> None:
@@ -173,6 +180,7 @@ class CompensateService:
         await self._link.close()
         if self.supervisor.memory != LoopMemory():
             self._keep_memory()
+        self._held.close()
 
     async def step(self, now: float) -> Step:
         """Run one scan at ``now`` plant seconds, which never go back."""
@@ -183,11 +191,14 @@ class CompensateService:
             block = self._reader.scan(await self._exchange_words(), now)
         except LinkError as error:
             return Step(Verdict.NOT_READ, pv, sp, op, math.nan, str(error))
-        self._follow(block)
         if not (math.isfinite(op) and math.isfinite(sp)):
+            self._follow(block)
             words = str(scan.failures[0]) if scan.failures else "a value is out of range or NaN"
             return Step(Verdict.NOT_READ, pv, sp, op, math.nan, words)
+        self._make_up_for_lost_scans(now, sp, op)
+        self._follow(block)
         automatic = self._automatic(scan)
+        self._heed_an_ignored_op(op)
         action = self.supervisor.step(pv, sp, op, automatic=automatic)
         if self._must_keep():
             self._keep_memory()
@@ -200,9 +211,52 @@ class CompensateService:
             verdict = Verdict.PLC_DISABLED if disabled else Verdict.NO_MODEL
             return Step(verdict, pv, sp, op, math.nan, words)
         if not self.supervisor.compensating:
-            words = (self.supervisor.refusal or self.supervisor.reason.value) + untold
+            reason = self.supervisor.reason
+            passing = _LOOKS if reason is WithdrawReason.NONE else reason.value
+            why = self._ignored or self.supervisor.refusal or passing
+            words = why + untold
+            if len(self.supervisor.memory.given_up) > self._known_before and not self.writes:
+                words += _GIVEN_UP_DRY
             return Step(Verdict.WAITING, pv, sp, op, math.nan, words)
-        return await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
+        done = await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
+        if done.verdict is Verdict.WRITTEN:
+            self._op_watch.wrote(done.op)
+        else:
+            self._op_watch.wrote_nothing()
+        return done
+
+    def _heed_an_ignored_op(self, op: float) -> None:
+        """Let go of a loop whose PLC does not take OP: the model is not to blame for what follows.
+
+        The next block is tried again, and so is this one after a restart.
+        """
+        if not self.supervisor.compensating:
+            self._op_watch.wrote_nothing()
+        elif not self._op_watch.look(op):
+            self._ignored = (
+                f"OP does not follow what is written to {self.settings.op_out}: let the PLC take "
+                "OP from there in this mode, then start again"
+            )
+            self._tell(self._ignored)
+            self.supervisor.withdraw(WithdrawReason.OPERATOR)
+
+    def _make_up_for_lost_scans(self, now: float, sp: float, op: float) -> None:
+        """Let the supervisor know of the scans since the last one, in which nothing was read.
+
+        A few are scans of bad PV. After more the PLC's own controller has had the loop, and what it
+        did with the stem is not known: the compensator finds it again before it takes over.
+        """
+        since, self._followed_at = self._followed_at, now
+        before_sp, before_op, self._last_sp, self._last_op = self._last_sp, self._last_op, sp, op
+        if since is None:
+            return
+        settings = self.supervisor.settings
+        lost = round((now - since) / self.loop.period) - 1
+        if lost > settings.pv_bad_limit and self._model is not None:
+            self.supervisor.withdraw(WithdrawReason.PV_BAD)
+            self._model = None  # offered again in this scan
+        for _ in range(min(lost, 4 * settings.history)):
+            self.supervisor.step(math.nan, before_sp, before_op)
 
     def _must_keep(self) -> bool:
         """Whether the memory has to be written now: a model was given up, or it is old.
@@ -216,20 +270,31 @@ class CompensateService:
         return self._since_kept >= _KEEP_EVERY and memory != self._kept
 
     def _keep_memory(self) -> None:
+        """Write the memory; not of a dry run, whose model is judged by what it did not do."""
         self._kept, self._since_kept = self.supervisor.memory, 0
-        save_memory(
-            self._memory_file,
-            self._name,
-            self._kept,
-            period=self.loop.period,
-            now=self._clock.utc(),
-        )
+        if not self.writes:
+            return
+        try:
+            save_memory(
+                self._memory_file,
+                self._name,
+                self._kept,
+                period=self.loop.period,
+                now=self._clock.utc(),
+            )
+        except MemoryFileError as error:
+            # No reason to let go of the loop: the next one is written in a minute of scans.
+            if not self._unkept:
+                self._tell(f"{error}; a restart would begin with an older one")
+            self._unkept = True
+        else:
+            self._unkept = False
 
     async def _put(self, step: Step) -> Step:
         wanted = self._limits.clip(step.op, step.op_before)
         done = Step(step.verdict, step.pv, step.sp, step.op_before, wanted, step.detail)
         if not self.settings.enabled:
-            return _with(done, Verdict.NOT_ENABLED)
+            return with_verdict(done, Verdict.NOT_ENABLED)
         if not self.writes:
             return done
         assert self._op_out is not None
@@ -237,9 +302,9 @@ class CompensateService:
             words = self._op_out.encode(wanted)
             await self._access.write_registers(self._op_out.address, words)
         except (LinkError, RegisterValueError) as error:
-            return _with(done, Verdict.WRITE_FAILED, str(error))
+            return with_verdict(done, Verdict.WRITE_FAILED, str(error))
         self.writes_done += 1
-        return _with(done, Verdict.WRITTEN)
+        return with_verdict(done, Verdict.WRITTEN)
 
     async def _tell_refusal(self, block: ReaderState) -> str:
         """Write to the PLC why the accepted block's model is not used, once for each change.
@@ -267,23 +332,37 @@ class CompensateService:
         return scan[self.loop.mode].value in self.loop.auto_values
 
     async def _exchange_words(self) -> ExchangeWords:
+        """Read the exchange area, with the block that the PLC has accepted as the committed one.
+
+        The PLC may refuse a block for what only it knows, such as its own limits, and it keeps over
+        a restart which block it has: what it does not acknowledge is not used.
+        """
         read, layout = self._access.read_registers, self._layout
-        enable, heartbeat, commit = [
+        enable, heartbeat, ack_seq, active_bank = [
             (await read(address, 1))[0]
-            for address in (layout.enable, layout.heartbeat, layout.commit)
+            for address in (layout.enable, layout.heartbeat, layout.ack_seq, layout.active_bank)
         ]
+        if ack_seq == 0 or active_bank not in (Bank.A, Bank.B):
+            return ExchangeWords(enable, heartbeat, 0, _NO_BLOCK, _NO_BLOCK)
+        if enable & 1:
+            # What is accepted while the operator forbids it is taken up when he allows it again.
+            self._accepted_commit = commit_word(Bank(active_bank), ack_seq)
         bank_a, bank_b = [
             tuple(await read(layout.bank_address(bank), BLOCK_REGISTERS))
             for bank in (Bank.A, Bank.B)
         ]
-        return ExchangeWords(enable, heartbeat, commit, bank_a, bank_b)
+        return ExchangeWords(enable, heartbeat, self._accepted_commit, bank_a, bank_b)
+
+    def _age(self, block: ParameterBlock) -> float:
+        """Return the plant seconds since a block's window ended: it may be of long ago."""
+        return max(0.0, self._clock.utc() - 1e-3 * block.window_end_ms) * self._speed
 
     def _follow(self, block: ReaderState) -> None:
         """Tell the supervisor of a change of model, once."""
         model = block.model
         if model == self._model:
             return
-        self._model = model
+        self._model, self._ignored = model, ""
         if model is not None and block.in_force is not None:
             self.supervisor.offer(model, uncertainty_of(block.in_force))
         elif block.fallback is Fallback.EXPIRED:
@@ -304,8 +383,3 @@ class CompensateService:
                 'pip install "fieldlink[nlp]" or use controller = "hybrid"'
             ) from error
         return lambda model, _: EmbeddingMpc(model, EmbeddingSettings(limits=limits))
-
-
-def _with(step: Step, verdict: Verdict, detail: str | None = None) -> Step:
-    words = step.detail if detail is None else detail
-    return Step(verdict, step.pv, step.sp, step.op_before, step.op, words)

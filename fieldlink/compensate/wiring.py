@@ -53,10 +53,9 @@ def exchange_of(name: str, loop: Loop) -> ExchangeLayout:
     return layout
 
 
-def link_to(
-    site: Site, loop: Loop, op_out: Tag | None, *, write: bool, clock: Clock | None
-) -> Link:
-    """Return a Modbus link that can write OP and the refusal's register, and nothing else."""
+def link_to(site: Site, name: str, op_out: Tag | None, *, write: bool, clock: Clock | None) -> Link:
+    """Return a Modbus link of one loop's tags; it can write OP and the refusal's register alone."""
+    loop = site.loops[name]
     if not site.devices[loop.device].link.startswith("modbus"):
         raise CompensateError(
             f"device {loop.device!r} is not a Modbus device; simulated plants are studied with "
@@ -69,4 +68,4 @@ def link_to(
         if layout is not None and layout.ack_refusal is not None:
             ranges += ((layout.ack_refusal, layout.ack_refusal),)
     settings = ModbusSettings(loop.device, site.devices[loop.device], site, writable=ranges)
-    return ModbusLink(settings, site.requests(loop.device), clock or SystemClock())
+    return ModbusLink(settings, site.requests_of_loop(name), clock or SystemClock())

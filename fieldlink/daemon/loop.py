@@ -79,10 +79,12 @@ class LoopRunner:
         self.dropped = 0
         self.last_look: LinkError | None = None
         counter = None if spec.loop.scan is None else spec.tags.get(spec.loop.scan)
-        self.pipeline = LoopPipeline(spec.name, spec.loop, counter, spec.speed, watch)
+        # A simulated plant that runs faster than the clock may fall behind it.
+        paced = spec.speed == 1.0 and spec.device.pace == "clock"
+        self.pipeline = LoopPipeline(spec.name, spec.loop, counter, spec.speed, watch, paced=paced)
         self._journal = journal
         self._now = 0.0
-        self._fault = ""
+        self._fault = self._mistimed = ""
         self._silence = SilenceWatch(spec.name, spec.loop.period, journal)
         self._asked = 0
         self._estimate: Estimate | None = None
@@ -126,6 +128,7 @@ class LoopRunner:
         fault = fault_of(record, self.spec.loop, scan)
         if record is not None:
             self._fault = fault
+            self._watch_the_period()
         self._silence.look(now, sampled=record is not None, answers=answers, fault=fault)
         return record
 
@@ -214,7 +217,7 @@ class LoopRunner:
             filled=self.pipeline.filled,
             samples_until_estimate=self.pipeline.samples_until_estimate,
             latest=self.pipeline.latest,
-            fault=self._fault,
+            fault=self._fault or self._mistimed,
             estimates=self._estimates,
             last_estimate=self._estimate,
             attempts=self._outcomes.total(),
@@ -245,7 +248,9 @@ class LoopRunner:
         self.pipeline = old.pipeline
         self.pipeline.name = self.name
         self.pipeline.resettle(self.spec.loop, again=old._asked > 0)
-        self._fault = old._fault
+        self._fault, self._mistimed = old._fault, old._mistimed
+        if self.writer is not None:
+            self.writer.mistrust_time(self._mistimed)
         self._silence.carry_over(old._silence)
         self._estimate, self._estimates = old._estimate, old._estimates
         self._attempt, self._accepted = old._attempt, old._accepted
@@ -266,6 +271,27 @@ class LoopRunner:
         if before is compensates or (before is None and not compensates):
             return
         self.pipeline.restart_window()
+
+    def _watch_the_period(self) -> None:
+        """Tell when the cycle counter shows another period than the site file, and when not."""
+        every, known = self.pipeline.counted_every, self._mistimed
+        if (every is not None) is bool(known):
+            return
+        loop, self._mistimed = self.spec.loop, ""
+        if every is None:
+            self._journal.event(
+                "loop.right_period", self.name, f"{loop.scan} counts every {loop.period:g} s again"
+            )
+        else:
+            self._mistimed = (
+                f"the cycle counter {loop.scan} counts every {every:.3g} s, not every "
+                f"{loop.period:g} s as period says"
+            )
+            advice = WritebackOutcome.WRONG_PERIOD.advice
+            words = f"{self._mistimed}; {advice}"
+            self._journal.event("loop.wrong_period", self.name, words, bad=True)
+        if self.writer is not None:
+            self.writer.mistrust_time(self._mistimed)
 
     def _note_service(self, error: str) -> None:
         """Tell when the exchange area stops answering, and when it answers again."""

@@ -30,6 +30,7 @@ __all__ = [
     "ByHandError",
     "Point",
     "as_manual_address",
+    "is_held",
     "parse_point",
     "read_points",
     "words_for",
@@ -233,6 +234,14 @@ async def write_point(point: Point, words: Sequence[int]) -> Reading:
             "read the value again; the write is not repeated",
         ) from failure
     return scan[tag.name]
+
+
+def is_held(tag: Tag, words: Sequence[int], after: Reading) -> bool:
+    """Return whether a reading shows what ``words`` have written to a tag."""
+    meant = tag.judge(float(words[0])) if tag.table.is_bits else tag.decode(words)
+    if meant.text is not None:
+        return after.text == meant.text
+    return after.good == meant.quality.is_good and (not after.good or after.value == meant.value)
 
 
 async def _write(link: ModbusLink, tag: Tag, words: Sequence[int]) -> None:

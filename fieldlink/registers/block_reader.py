@@ -14,7 +14,7 @@ block: it is in force again when the cause ends, unless it has expired meanwhile
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -136,6 +136,7 @@ class BlockReader:
         word_order: Order = "big",
         heartbeat_timeout: float = HEARTBEAT_TIMEOUT,
         limits: BlockLimits | None = None,
+        age: Callable[[ParameterBlock], float] | None = None,
     ) -> None:
         """Begin without a block.
 
@@ -144,7 +145,11 @@ class BlockReader:
             word_order: of the 32-bit fields.
             heartbeat_timeout: PLC seconds without a change after which the heartbeat is dead.
             limits: the PLC's own ranges.
+            age: seconds of its time that a block has had when it is accepted, for a reader that
+                keeps nothing over its restart: else an expired block would start again. None
+                where the reader is there from the block's commit on.
         """
+        self._age = age or (lambda _block: 0.0)
         self._loop_id = loop_id
         self._word_order: Order = word_order
         self._heartbeat_timeout = heartbeat_timeout
@@ -246,7 +251,7 @@ class BlockReader:
         self._active_bank = bank
         if block.status in (Status.VALID, Status.NO_STICTION):
             self._accepted = block
-            self._expires_at = self._now + block.valid_for
+            self._expires_at = self._now + block.valid_for - self._age(block)
         elif block.status is Status.WITHDRAWN:
             self._drop(Fallback.WITHDRAWN)
 

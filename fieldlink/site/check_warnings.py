@@ -187,6 +187,13 @@ def _loop_warnings(name: str, loop: Loop) -> Iterator[Warned]:
             f"its exchange area begins at {counted} or later, as manuals count: if their numbers "
             f"are meant, subtract {counted}, or other registers are written",
         )
+    if loop.compensate.enabled and loop.mode is None and loop.plant is None:
+        yield Warned(
+            "loop",
+            name,
+            "compensate is enabled without a mode tag: fieldlink compensate would write OP in "
+            "manual, too, unless the PLC clears the enable bit then",
+        )
     if loop.writeback.enabled and loop.writeback.valid_for < 2 * loop.estimate_period:
         yield Warned(
             "loop",

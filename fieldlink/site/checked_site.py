@@ -157,6 +157,23 @@ class Site:
             polls=polls_by_tag(self.loops_of(device).values()),
         )
 
+    def requests_of_loop(self, name: str) -> tuple[ReadRequest, ...]:
+        """Return a read plan of one loop's own tags, all of them in every scan.
+
+        For who acts on them: a mode of ten seconds ago would be another, and what is wrong with
+        other loops of the device is no concern.
+        """
+        loop = self.loops[name]
+        settings, known = self.devices[loop.device], self.maps.get(loop.device, {})
+        return plan_reads(
+            [replace(known[tag], every=0.0) for tag in dict.fromkeys(loop.tags)],
+            settings.max_gap,
+            settings.max_registers,
+            settings.ranges,
+            together=((loop.op, loop.pv), loop.tags),
+            one_tag=settings.quirks.one_request_per_tag,
+        )
+
     def poll_period(self, device: str) -> float:
         """Return the plant seconds between two polls of a device; see `polling`."""
         return poll_period(self.loops_of(device).values())

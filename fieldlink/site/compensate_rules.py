@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fieldlink.registers import DataType, Table
+from fieldlink.registers import DataType, RegisterValueError, Table, Tag
 from fieldlink.site.checked_site import Site
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.models import Loop
@@ -63,3 +63,43 @@ def _op_out_fits(
             f"{wanted} is not writable in the register map",
             "set writable = yes there if the PLC expects OP in it",
         )
+    else:
+        if owner := _owner_of(site, name, tag):
+            yield source.problem(
+                key,
+                f"{wanted} is {owner}: OP would be written over it",
+                "name the tag from which the PLC takes this loop's OP",
+            )
+        for end in ("low", "high"):
+            try:
+                tag.encode(getattr(loop.compensate, end))
+            except RegisterValueError as error:
+                yield source.problem(
+                    ("loops", name, "compensate", end),
+                    f"OP could not be written to {error}",
+                    "give low and high inside what the tag takes",
+                )
+
+
+def _owner_of(site: Site, name: str, wanted: Tag) -> str:
+    """Say whose register a loop would write OP to; empty where that is its own.
+
+    Tags of other names may be views of the same registers.
+    """
+    device = site.loops[name].device
+    known = site.maps[device]
+    for other, loop in site.loops_of(device).items():
+        roles = {role: getattr(loop, role) for role in ("op", "pv", "sp", "mode", "scan")}
+        if other == name:
+            del roles["op"]  # some controllers take OP where they show it
+        else:
+            roles["op_out"] = loop.compensate.op_out
+        for role, tag in roles.items():
+            if tag in known and _overlap(known[tag], wanted):
+                return f"the {role} of {'this loop' if other == name else f'loop {other}'}"
+    return ""
+
+
+def _overlap(one: Tag, other: Tag) -> bool:
+    same = one.table is other.table
+    return same and one.address < other.end and other.address < one.end

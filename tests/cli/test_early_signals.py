@@ -48,6 +48,36 @@ def test_a_service_that_is_stopped_while_it_loads(name: str, module: str, tmp_pa
     assert result.stderr == "fieldlink: stopped before it had started\n"
 
 
+IN_A_CALLBACK = """
+import ctypes, os, signal, sys
+from fieldlink.cli.early_signals import heed_early_signals
+
+heed_early_signals(["fieldlink", "run"])
+
+@ctypes.CFUNCTYPE(None)
+def called_by_c():
+    os.kill(os.getpid(), signal.SIGTERM)
+    print("the signal is answered before this line")
+
+called_by_c()
+print("still there")
+"""
+
+
+def test_an_order_to_stop_is_not_lost_in_a_callback_of_a_compiler() -> None:
+    """ctypes passes no exception on: a stop while kernels were compiled ended in a traceback."""
+    result = subprocess.run(
+        [sys.executable, "-c", IN_A_CALLBACK],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert result.stderr == "fieldlink: stopped before it had started\n"
+    assert (result.returncode, result.stdout) == (0, "")
+
+
 def test_a_reload_that_comes_too_early_harms_nothing(tmp_path: Path) -> None:
     signals = "SIGHUP:fieldlink.cli.app,SIGHUP:fieldlink.daemon"
     result = run(signals, "run", str(tmp_path / "site.toml"))

@@ -87,7 +87,7 @@ def test_the_memory_of_another_loop_is_refused(tmp_path: Path) -> None:
 
 async def test_the_service_begins_with_what_an_earlier_run_knew(tmp_path: Path) -> None:
     site = make_site(tmp_path)
-    first = CompensateService(site, "FC101")
+    first = CompensateService(site, "FC101", write=True)
     first.supervisor.restore(MEMORY)
     await first.close()
     second = CompensateService(site, "FC101")
@@ -96,6 +96,25 @@ async def test_the_service_begins_with_what_an_earlier_run_knew(tmp_path: Path) 
     assert not second.supervisor.offer(GIVEN_UP.model)
     (tmp_path / "FC101.compensator.json").unlink()
     assert CompensateService(site, "FC101").supervisor.memory == LoopMemory()
+
+
+async def test_a_dry_run_keeps_nothing(tmp_path: Path) -> None:
+    """Its model is judged by moves that were not made: a run that writes would refuse it."""
+    dry = CompensateService(make_site(tmp_path), "FC101")
+    dry.supervisor.restore(MEMORY)
+    await dry.close()
+    assert not (tmp_path / "FC101.compensator.json").exists()
+
+
+async def test_a_full_disk_does_not_end_a_compensator(tmp_path: Path) -> None:
+    told: list[str] = []
+    site = make_site(tmp_path)
+    service = CompensateService(site, "FC101", write=True, tell=told.append)
+    service.supervisor.restore(MEMORY)
+    (tmp_path / "FC101.compensator.json").mkdir()  # cannot be replaced, as where there is no room
+    await service.close()
+    assert len(told) == 1
+    assert "memory cannot be written" in told[0]
 
 
 PLC = """\

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
+from fieldlink.compensate.memory_file import MemoryFileError
 from fieldlink.compensate.service import CompensateError, CompensateService, Step, Verdict
 from fieldlink.lab.plc import PlcServer, serve
 from fieldlink.registers import (
@@ -70,10 +72,29 @@ parameters = {{ op_start = 50.0 }}
 """
 
 
-def make_site(folder: Path, *, enabled: bool = True, writable: str = "yes") -> Site:
+PV_ROW = "FC101.PV,holding,2,float32,0,100,yes"
+SECOND_LOOP = """
+[loops.FC102]
+device = "plc"
+op = "FC101.VIEW"
+pv = "FC101.PV"
+sp = "FC101.SP"
+period = 1.0
+[loops.FC102.writeback]
+base = 400
+loop_id = 102
+[loops.FC102.compensate]
+op_out = "FC101.OP"
+"""
+
+
+def make_site(
+    folder: Path, *, enabled: bool = True, writable: str = "yes", limits: str = ""
+) -> Site:
     (folder / "map.csv").write_text(MAP.format(writable=writable))
     path = folder / "site.toml"
-    path.write_text(SITE.format(speed=SPEED, enabled=str(enabled).lower()))
+    text = SITE.format(speed=SPEED, enabled=str(enabled).lower())
+    path.write_text(text.replace("loop_id = 101\n", f"loop_id = 101\n{limits}"))
     return load_site(path)
 
 
@@ -86,7 +107,7 @@ class Plc:
         self.port = server.port
         self._beats = 0
 
-    def send_block(self, seq: int = 1) -> None:
+    def send_block(self, seq: int = 1, *, age: float = 0.0) -> None:
         plant = catalogue["example1"]
         assert plant.process is not None
         block = ParameterBlock.from_model(
@@ -94,7 +115,7 @@ class Plc:
             loop_id=101,
             seq=seq,
             valid_for=86_400,
-            window_end_ms=1_795_000_000_000,
+            window_end_ms=round(1000.0 * (time.time() - age / SPEED)),
         )
         self.image.write(Table.HOLDING, AREA.bank_address(Bank.B), encode_block(block))
         self.image.write(Table.HOLDING, AREA.commit, [commit_word(Bank.B, seq)])
@@ -205,6 +226,104 @@ async def test_nothing_is_written_unless_site_file_and_run_both_allow_it(
         await service.close()
 
 
+async def test_a_block_that_the_plc_has_refused_is_not_used(tmp_path: Path) -> None:
+    """The PLC's own limits are known to it alone: nothing is written on a model it has refused."""
+    site = make_site(tmp_path, limits="limits = { stick_band = [0.1, 0.2] }\n")
+    async with served(site) as plc:
+        service = service_for(site, plc, write=True)
+        await service.open()
+        plc.enable(True)
+        plc.send_block()
+        done = await steps(service, plc, 0, 80)
+        assert plc.image.read(Table.HOLDING, AREA.ack_result, 1) == [11]
+        assert {step.verdict for step in done} == {Verdict.NO_MODEL}
+        assert service.writes_done == 0
+        await service.close()
+
+
+@pytest.mark.parametrize("age", [86_400.0, 50_000.0])
+async def test_a_block_does_not_begin_anew_when_the_compensator_does(
+    tmp_path: Path, age: float
+) -> None:
+    """A block expires ``valid_for`` seconds after the PLC took it, whatever starts again."""
+    site = make_site(tmp_path)
+    async with served(site) as plc:
+        service = service_for(site, plc, write=False)
+        plc.enable(True)
+        plc.send_block(age=age)
+        done = await steps(service, plc, 0, 8)
+        expired = age >= 86_400.0
+        assert (done[-1].verdict is Verdict.NO_MODEL) is expired
+        if expired:
+            assert "older than its valid-for time" in done[-1].detail
+        await service.close()
+
+
+async def test_after_a_long_silence_the_plcs_own_controller_has_the_loop_first(
+    tmp_path: Path,
+) -> None:
+    """What it did with the stem meanwhile is not known: OP must not go on from then."""
+    site = make_site(tmp_path)
+    async with served(site) as plc:
+        service = service_for(site, plc, write=False)
+        plc.enable(True)
+        plc.send_block()
+        before = await steps(service, plc, 0, 90)
+        assert before[-1].verdict is Verdict.DRY_RUN
+        short = await steps(service, plc, 95, 2)
+        assert {step.verdict for step in short} == {Verdict.DRY_RUN}
+        # Its heartbeat is alive: the heartbeat's own time-out is not what gives the loop back.
+        plc.beat()
+        after = await steps(service, plc, 97 + 40, 60)
+        verdicts = [step.verdict for step in after]
+        assert Verdict.DRY_RUN not in verdicts[:3]
+        assert Verdict.WAITING in verdicts[:3]
+        taken = next(step for step in after if step.verdict is Verdict.DRY_RUN)
+        assert taken.op == pytest.approx(taken.op_before)
+        await service.close()
+
+
+async def test_a_plc_that_does_not_take_op_is_named_and_the_model_is_not_blamed(
+    tmp_path: Path,
+) -> None:
+    """A switch in the PLC that stands elsewhere is no reason to refuse the model for hours."""
+    make_site(tmp_path)
+    path = tmp_path / "site.toml"
+    (tmp_path / "map.csv").write_text(
+        MAP.format(writable="yes") + "FC101.OPX,holding,20,float32,0,100,yes\n"
+    )
+    path.write_text(path.read_text().replace('op_out = "FC101.OP"', 'op_out = "FC101.OPX"'))
+    site, told = load_site(path), list[str]()
+    async with served(site) as plc:
+        site = site.with_device("plc", port=plc.port)
+        service = CompensateService(site, "FC101", write=True, tell=told.append)
+        await service.open()
+        plc.enable(True)
+        plc.send_block()
+        done = await steps(service, plc, 0, 150)
+        await service.close()
+    assert service.writes_done > 0
+    assert done[-1].verdict is Verdict.WAITING
+    assert "OP does not follow what is written to FC101.OPX" in done[-1].detail
+    assert len(told) == 1
+    assert service.supervisor.memory.given_up == ()
+
+
+async def test_one_process_writes_op_of_a_loop_and_a_dry_run_may_look_on(tmp_path: Path) -> None:
+    site = make_site(tmp_path)
+    first = CompensateService(site, "FC101", write=True)
+    await first.open()
+    second = CompensateService(site, "FC101", write=True)
+    with pytest.raises(MemoryFileError, match="another process compensates this loop already"):
+        await second.open()
+    look = CompensateService(site, "FC101", write=False)
+    await look.open()
+    await look.close()
+    await first.close()
+    await second.open()
+    await second.close()
+
+
 def test_an_op_tag_that_the_map_does_not_call_writable_is_refused(tmp_path: Path) -> None:
     site = make_site(tmp_path)
     (tmp_path / "map.csv").write_text(MAP.format(writable="no"))
@@ -227,4 +346,19 @@ def test_bad_tables_are_refused_with_the_remedy(tmp_path: Path) -> None:
         load_site(path)
     path.write_text(good.replace("low = 20.0", "low = 90.0"))
     with pytest.raises(Exception, match="low = 90 is not below high = 80"):
+        load_site(path)
+    for owned, role in (("FC101.SP", "sp"), ("FC101.PV", "pv"), ("FC101.VIEW", "mode")):
+        rows = MAP.format(writable="yes").replace("FC101.PV,holding,2,float32,,,", PV_ROW)
+        rows = rows.replace("4,float32,0,100,", "4,float32,0,100,yes")
+        (tmp_path / "map.csv").write_text(rows + "FC101.VIEW,holding,6,uint16,,,yes\n")
+        path.write_text(good.replace('op_out = "FC101.OP"', f'op_out = "{owned}"'))
+        with pytest.raises(SiteError, match=f"{owned} is the {role} of this loop: OP would be"):
+            load_site(path)
+    path.write_text(good + SECOND_LOOP)
+    with pytest.raises(SiteError, match=r"FC101.OP is the op_out of loop FC102: OP would be"):
+        load_site(path)
+    path.write_text(good.replace("high = 80.0", "high = 120.0"))
+    with pytest.raises(
+        SiteError, match=r"OP could not be written to FC101.OP: 120 is above the high limit"
+    ):
         load_site(path)

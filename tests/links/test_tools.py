@@ -287,6 +287,18 @@ def test_a_write_that_cannot_be_read_back_is_reported_as_written(answer: bytes) 
     assert "the write was confirmed, but reading it back failed" in said
 
 
+@pytest.mark.parametrize(("value", "held"), [("7", 10), ("-1", 0x7FFF)])
+def test_a_write_that_is_confirmed_and_dropped_or_limited_is_no_success(
+    value: str, held: int
+) -> None:
+    kept = bytes([3, 2]) + held.to_bytes(2)
+    with disturbed(lambda asked, said: kept if asked[0] == 3 else said) as (target, written):
+        said = refusal(run("write", target, "20:int16", value, "--yes", "--timeout", "5"))
+    assert written == [int(value) & 0xFFFF]
+    assert f"the write was confirmed, but it holds {held} now" in said
+    assert "another client that writes it" in said
+
+
 def test_a_survey_finds_units_and_ranges(port: int) -> None:
     target = f"127.0.0.1:{port}"
     result = run(

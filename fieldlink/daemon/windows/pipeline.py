@@ -9,6 +9,7 @@ import math
 
 from fieldlink.daemon.estimation.estimating import EstimateRequest
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
+from fieldlink.daemon.sampling.counter_rate import CounterRate
 from fieldlink.daemon.sampling.slot_placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
 from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.daemon.windows.window import LoopSample, Window, WindowData
@@ -52,6 +53,7 @@ class LoopPipeline:
         counter: the tag of its cycle counter, None when it has none.
         speed: plant seconds per second of the wall clock.
         watch: tells to which stretch of a stepping clock a stamp belongs; None where none steps.
+        paced: whether the controller keeps the clock's time, as every real one does.
     """
 
     def __init__(
@@ -61,6 +63,8 @@ class LoopPipeline:
         counter: Tag | None,
         speed: float = 1.0,
         watch: ClockWatch | None = None,
+        *,
+        paced: bool = True,
     ) -> None:
         self.name = name
         self.loop = loop
@@ -68,6 +72,7 @@ class LoopPipeline:
         self._watch = watch
         self._late_after = LATE_SHARE * loop.period / speed
         self._placer = _placer(loop, counter)
+        self._rate = CounterRate(loop.period) if paced and loop.scan is not None else None
         self._window = Window(
             loop.window, has_sp=loop.sp is not None, has_auto=loop.mode is not None
         )
@@ -109,6 +114,11 @@ class LoopPipeline:
         return LoopCounts(
             read + bad + missed, read, bad, missed, self._late, self._duplicates, self._restarts
         )
+
+    @property
+    def counted_every(self) -> float | None:
+        """Plant seconds between two counts of the cycle counter, where that is not the period."""
+        return None if self._rate is None else self._rate.counted_every
 
     @property
     def filled(self) -> float:
@@ -249,6 +259,11 @@ class LoopPipeline:
         if placed.place is Place.DUPLICATE:
             self._duplicates += 1
             return None
+        if self._rate is not None:
+            if placed.place is Place.NEXT:
+                self._rate.note(now, placed.slot)
+            else:
+                self._rate.start_again()
         return placed
 
     def _worst(self, op: Reading, pv: Reading, place: Place, belated: bool) -> int:

@@ -30,6 +30,11 @@ class WritebackOutcome(Enum):
         "in use expires by itself",
     )
     UNCERTAIN = ("uncertain", "the estimator doubts its figures; a better window decides")
+    WRONG_PERIOD = (
+        "wrong_period",
+        "the model's time constants would be wrong; correct the loop's period in the site file, or "
+        "name as scan a counter of the controller's cycles",
+    )
     TOO_OLD = ("too_old", "newer windows have not confirmed it; see max_age")
     CONTRADICTED = ("contradicted", "a newer window contradicts it; it is not written")
     REFUSED_BEFORE = (

@@ -28,6 +28,7 @@ class WritePermission:
 
     Attributes:
         held: why an operator wants no blocks; empty when none does.
+        mistimed: how the samples contradict the loop's period; empty when they do not.
         sole: whether this installation is the only writer.
     """
 
@@ -39,6 +40,7 @@ class WritePermission:
         self._use = use
         self._was_enabled: bool | None = None
         self.held = ""
+        self.mistimed = ""
         self.sole = SoleWriter(identity)
 
     def carry_over(self, other: WritePermission) -> None:
@@ -58,6 +60,8 @@ class WritePermission:
 
     def judge(self, candidate: Candidate, now: float) -> Objection | None:
         """Return why a candidate must not even wait; None when it may."""
+        if self.mistimed and not candidate.withdrawal:
+            return Objection(WritebackOutcome.WRONG_PERIOD, self.mistimed)
         return self._rules.judge(candidate, now, held=self.held, refused=self._use.refused)
 
     def before_turn(

@@ -188,6 +188,10 @@ class BlockWriter:
         self._not_before, self._next_look = other._not_before, other._next_look
         self._told.carry_over(other._told)
 
+    def mistrust_time(self, why: str) -> None:
+        """Write no model while the samples contradict the loop's period; empty: they do not."""
+        self._permission.mistimed = why
+
     def identify(self, identity: int) -> None:
         """Take the identity of this installation; to be called before the first look."""
         self._permission.sole = SoleWriter(identity)
