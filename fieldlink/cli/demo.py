@@ -71,7 +71,7 @@ def demo(
         scene = simulated_scene(output, seed=seed)
     else:
         scene = recorded_scene(output, recording)
-    # A folder that cannot be written is said before anything is loaded.
+    # A folder that cannot be written is reported before anything is loaded.
     scene.write(PORT)
 
     from fieldlink.daemon import configure_logging
