@@ -40,8 +40,8 @@ _AT_PV = (Poles(Shape.LAGS, 8.0), 6), (Poles(Shape.LAGS, 25.0), 6)
 """The same for a wave on PV."""
 _HOPE, _STRAIGHT = 110.0, 65.0
 """Nats that an outlined wave may still gain, and one that is fitted in turn and has no bends. It
-saves time: of 26 simulated waves that become the likeliest all but two are that near, at first
-within 98 and 64."""
+saves time: of 26 simulated waves that become the likeliest all but two are that near, the others
+within 98 and 60."""
 _ALIKE = 1.0
 """Nats within which two starts lead to the same wave."""
 _BENDS = (0, 2)
