@@ -19,10 +19,10 @@ __all__ = ["turns_of"]
 
 _SWINGS = (1.0, 2.0)
 """Standard deviations of the outline that it must swing by to turn: small corners are noise."""
-_FEWEST_TURNS, _MOST_TURNS = 10, 80
-"""Turns of a wave: fewer than five cycles seen tell no distribution. More than these, those beyond
-what was seen counted, are too fast to be told from noise, and a fit's work grows with the square of
-their number."""
+_FEWEST_TURNS, _MOST_TURNS = 7, 80
+"""Turns of a wave: at least as many as its distributions have numbers (3.5 cycles); the
+price holds what they do not tell. More than these, those beyond what was seen counted, are too
+fast to be told from noise, and a fit's work grows with the square of their number."""
 _REPEATED = 0.2
 """Deviation, over a cycle, of an outline's lengths at most: twice that of a wave's."""
 

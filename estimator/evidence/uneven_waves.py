@@ -27,13 +27,21 @@ __all__ = ["find_uneven_wave", "refit_uneven_wave"]
 
 _OUTLINED = 4.0
 """Nats that a corner of the outline must gain: about what a turn costs."""
-_FOLLOWED = 2
-"""Of all starts, those that are fitted in turn."""
-_AT_VALVE, _AT_PV = ((20.0, 6), (3.0, 6)), ((8.0, 6),)
-"""Lags and dead times, in samples, with which a wave at the valve is looked for, and one on PV."""
-_HOPE, _BENT = 150.0, 60.0
-"""Nats that an outlined wave may still gain, and one that has no bends. It saves time: of a dozen
-simulated waves some gain up to 190. The second is a guess."""
+_FOLLOWED, _BENT = 3, 2
+"""Of all starts, those that are fitted in turn, and of these those that are bent."""
+_AT_VALVE = (
+    (Poles(Shape.LAGS, 20.0), 6),
+    (Poles(Shape.LAGS, 3.0), 6),
+    (Poles(Shape.LAGS, 16.0, 6.0), 4),
+    (Poles(Shape.INTEGRATING, 0.0, 3.0), 3),
+)
+"""Processes, with dead times in samples, with which a wave at the valve is looked for."""
+_AT_PV = (Poles(Shape.LAGS, 8.0), 6), (Poles(Shape.LAGS, 25.0), 6)
+"""The same for a wave on PV."""
+_HOPE, _STRAIGHT = 110.0, 65.0
+"""Nats that an outlined wave may still gain, and one that is fitted in turn and has no bends. It
+saves time: of 26 simulated waves that become the likeliest all but two are that near, the others
+within 98 and 60."""
 _ALIKE = 1.0
 """Nats within which two starts lead to the same wave."""
 _BENDS = (0, 2)
@@ -41,7 +49,7 @@ _BENDS = (0, 2)
 _TURNS, _LONG = 3, 8
 """Wave and noise are fitted in turn so often at most, and the likeliest once more."""
 _ROUNDS = 6
-"""Steps of a fit of the wave."""
+"""Steps of a fit of the wave with one spread of its turns."""
 _GAINED = 0.5
 """Nats of a turn below which it was the last."""
 
@@ -49,17 +57,20 @@ _GAINED = 0.5
 def find_uneven_wave(case: Case, sticky: Hypothesis, least: float) -> Hypothesis | None:
     """The healthy valve with the likeliest load that swings unevenly.
 
-    It is looked for with some lags and dead times, not with the process of the sticky valve: beside
-    that the load is what the stem does apart from OP. None where none is found, or has no hope to
-    become as likely as ``least``.
+    It is looked for with some processes, not with that of the sticky valve: beside that the load is
+    what the stem does apart from OP. Its noise is that of the sticky valve, or a drift. A drift
+    takes part of the wave to itself, and the wave that is found beside it leaves a drift again; but
+    the sticky valve explains the wave, and leaves about the noise. None where none is found, or has
+    no hope to become as likely as ``least``.
     """
-    healthy = replace(sticky, valve=None, stem=case.rows.u, taps=DRIFT_AND_NOISE, nuisances=())
+    healthy = replace(sticky, valve=None, stem=case.rows.u, nuisances=())
     starts = []
-    for lags, at_valve in ((_AT_VALVE, True), (_AT_PV, False)):
-        for slow, dead_time in lags:
-            if dead_time <= case.max_dead_time:
-                poles = Poles(Shape.LAGS, slow)
-                starts.append((replace(healthy, poles=poles, dead_time=dead_time), at_valve))
+    for taps in (sticky.taps, DRIFT_AND_NOISE):
+        for processes, at_valve in ((_AT_VALVE, True), (_AT_PV, False)):
+            for poles, dead_time in processes:
+                if dead_time <= case.max_dead_time:
+                    start = replace(healthy, poles=poles, dead_time=dead_time, taps=taps)
+                    starts.append((start, at_valve))
     return _likeliest(case, starts, least)
 
 
@@ -86,30 +97,30 @@ def _likeliest(
         outline = outline_load(case, start, at_valve, _OUTLINED)
         for times, heights in (*turns_of(outline), *known):
             wave = Wave(times, heights, np.zeros((2, 0)), start.poles, 0.0, 0.0)
-            wave = fit_wave(case, start, start.taps, at_valve, wave, rounds=3, spreads=1)
+            wave = fit_wave(case, start, start.taps, at_valve, wave, rounds=_ROUNDS, spreads=1)
             others, sticky = without_load(start), start.valve is not None
             price = case.price(wave.poles, others, start.taps, sticky) + wave.price
             tried.append((case.log_likelihood(wave.squares) - price, start, at_valve, wave))
     tried.sort(key=lambda one: -round(one[0], 6))
-    best: tuple[Hypothesis, Wave, bool] | None = None
     followed: list[tuple[float, bool]] = []
+    ends: list[tuple[Hypothesis, Wave, bool]] = []
     for worth, start, at_valve, wave in tried:
         if worth < least - _HOPE or len(followed) == _FOLLOWED:
             break
         if any(way == at_valve and abs(worth - one) < _ALIKE for one, way in followed):
             continue
         followed.append((worth, at_valve))
-        found, last = _in_turn(case, start, start.taps, at_valve, wave, _TURNS)
-        if best is None or found.likelihood > best[0].likelihood:
-            best = found, last, at_valve
-    if best is None or best[0].likelihood < least - _BENT:
-        return None
-    start, wave, at_valve = best
-    ends = [start]
-    for count in _BENDS:
-        bent = replace(wave, bends=np.zeros((2, count)))
-        ends.append(_in_turn(case, start, start.taps, at_valve, bent, _LONG)[0])
-    return max(ends, key=lambda one: one.likelihood)
+        ends.append((*_in_turn(case, start, start.taps, at_valve, wave, _TURNS), at_valve))
+    ends.sort(key=lambda one: -round(one[0].likelihood, 6))
+    found = []
+    for start, wave, at_valve in ends[:_BENT]:
+        if start.likelihood < least - _STRAIGHT:
+            break
+        found.append(start)
+        for count in _BENDS:
+            bent = replace(wave, bends=np.zeros((2, count)))
+            found.append(_in_turn(case, start, start.taps, at_valve, bent, _LONG)[0])
+    return max(found, key=lambda one: one.likelihood, default=None)
 
 
 def _in_turn(
