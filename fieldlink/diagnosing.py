@@ -97,7 +97,7 @@ def files_of(paths: Sequence[Path]) -> dict[str, Path]:
     """The recorded files by loop name: those given, and those in the folders given.
 
     Raises:
-        DiagnosisError: a folder without recordings, or two files of one name.
+        DiagnosisError: a folder without recordings, a file given twice, or two of one name.
     """
     found: dict[str, Path] = {}
     for path in paths:
@@ -105,6 +105,8 @@ def files_of(paths: Sequence[Path]) -> dict[str, Path]:
         if not inside:
             raise DiagnosisError(f"{path}: the folder holds no recording; name one that does")
         for file in inside:
+            if file.stem in found and file.resolve() == found[file.stem].resolve():
+                raise DiagnosisError(f"{file} is given twice; name it once, or only its folder")
             if file.stem in found:
                 raise DiagnosisError(
                     f"{file} and {found[file.stem]} have the same name, and the name is the "
@@ -192,9 +194,12 @@ def _diagnose_all(places: Mapping[str, Any], work: Callable[[Any], _Answer]) -> 
             loops[name], signals[name], read[name] = answer
     if not loops:
         raise DiagnosisError("\n".join(refused.values()) or "no loop given; name a file or folder")
-    notes = (*clock_notes(signals), *_reading_notes(read))
+    copies = _copies(signals)
+    notes = (*clock_notes(signals), *_copy_notes(copies), *_reading_notes(read))
     signals = _aligned(signals)
-    groups = find_groups(signals, loops) if len(loops) > 1 else ()
+    # a recording swings together with itself: that tells nothing of the plant
+    asked = {name: one for name, one in signals.items() if name not in copies}
+    groups = find_groups(asked, {name: loops[name] for name in asked}) if len(asked) > 1 else ()
     return Plant(loops, groups, refused, signals, notes)
 
 
@@ -204,6 +209,30 @@ def _one_file(path: Path, columns: Columns) -> _Answer:
     except FieldlinkError as error:
         return str(error)
     return diagnose_recording(recording), _thinned(recording), recording.notes
+
+
+def _copies(signals: Mapping[str, LoopSignals]) -> dict[str, str]:
+    """Recordings with the same moving OP and PV as an earlier one, and that one's name."""
+    first: dict[tuple[float, float, bytes, bytes], str] = {}
+    copies = {}
+    for name, one in signals.items():
+        if one.pv is None or not np.nanstd(one.op) + np.nanstd(one.pv) > 0.0:
+            continue
+        start = one.start_s if np.isfinite(one.start_s) else 0.0
+        key = (start, one.period, one.op.tobytes(), one.pv.tobytes())
+        if key in first:
+            copies[name] = first[key]
+        else:
+            first[key] = name
+    return copies
+
+
+def _copy_notes(copies: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(
+        f"{name} has the OP and PV of {first}, sample by sample, and is left out of the groups: "
+        f"export that loop's own tags, or leave the copy out."
+        for name, first in copies.items()
+    )
 
 
 def _reading_notes(notes: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:

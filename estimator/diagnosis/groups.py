@@ -72,13 +72,19 @@ class Group:
 class _Swing:
     """An oscillation of a loop; ``irregular`` where a sticky valve moves at its own odd times.
 
-    ``made`` where the loop's own valve or tuning makes it.
+    ``made`` where the loop's own valve or tuning makes it; ``sticking`` nats speak for its valve.
     """
 
     loop: str
     found: Oscillation
     irregular: bool = False
     made: bool = False
+    sticking: float = 0.0
+
+    @property
+    def order(self) -> tuple[float, bool, float]:
+        """The smallest is asked first who follows it: what a valve moves may swing by itself."""
+        return -self.sticking, self.irregular, -self.found.regularity * self.found.cycles
 
 
 def find_groups(
@@ -100,8 +106,8 @@ def find_groups(
     """
     spectra = {name: spectrum_of(one) for name, one in signals.items()}
     swings = [swing for name in signals for swing in _swings_of(name, signals, diagnoses, settings)]
-    # what a sticky valve moves at odd times may swing by itself after each of its slips
-    swings.sort(key=lambda one: (not one.irregular, -one.found.regularity * one.found.cycles))
+    # what a sticky valve moves may swing by itself after each of its slips, or look sticky
+    swings.sort(key=lambda one: one.order)
     cascades = find_cascades(signals, settings)
     groups: list[Group] = []
     wide: list[Group] = []
@@ -113,20 +119,23 @@ def find_groups(
         if len(members) < 2:
             continue
         period = seed.found.period_s
-        for j, other in enumerate(swings):
-            if other.loop in members and _is_near(other, period, settings):
-                used.add(j)
         names = tuple(name for name in signals if name in members)
-        if any(_same_event(names, period, group, settings) for group in groups) or any(
-            _same_event(names, period, group, settings, is_wide=True) for group in wide
-        ):
-            continue
-        if seed.irregular and any(set(names) <= set(group.loops) for group in (*groups, *wide)):
-            continue
         inside = tuple(one for one in cascades if one.master in members and one.slave in members)
         # a slave's own valve or tuning may be the source, what it follows is its master's
-        if not (
-            seed.made or _is_event(members - {one.slave for one in inside}, diagnoses, settings)
+        is_event = seed.made or _is_event(
+            members - {one.slave for one in inside}, diagnoses, settings
+        )
+        for j, other in enumerate(swings):
+            is_asked = is_event or not other.made
+            if is_asked and other.loop in members and _is_near(other, period, settings):
+                used.add(j)
+        if not is_event or any(_same_event(names, period, group, settings) for group in groups):
+            continue
+        if any(_same_event(names, period, group, settings, is_wide=True) for group in wide):
+            continue
+        # a motion at odd times has no period that could tell it from what its loop is part of
+        if seed.irregular and any(
+            seed.loop in group.loops and _is_mostly_in(names, group) for group in (*groups, *wide)
         ):
             continue
         those = GroupMembers(names, period, signals, spectra, diagnoses, inside)
@@ -152,12 +161,14 @@ def _swings_of(
     if CauseName.STICKY_VALVE not in causes:
         is_tight = any(_is_tight(cause, settings) for cause in diagnoses[name].causes)
         return [_Swing(name, found, made=is_tight) for found in present]
+    nats = diagnoses[name].indices.get("log_bayes_factor_sticky", 0.0)
     if not present:
         # the motions of a loop whose valve sticks, regular or not, the main one first
-        return [_Swing(name, found, irregular=True, made=True)
+        return [_Swing(name, found, irregular=True, made=True, sticking=nats)
                 for found in sorted(all_found, key=lambda found: -found.share)]  # fmt: skip
     regular = settings.grouping.regular
-    return [_Swing(name, found, found.regularity < regular, made=True) for found in present]
+    return [_Swing(name, found, found.regularity < regular, made=True, sticking=nats)
+            for found in present]  # fmt: skip
 
 
 _NO_PERIOD = (
@@ -313,7 +324,12 @@ def _same_event(
     """Whether it is a group that was found already, a harmonic of it, or part of its broad peak."""
     ratio = group.period_s / period
     grouping = settings.grouping
-    shared = set(names) & set(group.loops)
     is_harmonic = abs(ratio - round(ratio)) < grouping.same * ratio and ratio > 0.9
-    is_inside = abs(ratio - 1.0) < grouping.wide and (is_wide or len(shared) == len(names))
-    return (is_harmonic or is_inside) and len(shared) >= 0.5 * len(names)
+    is_all = set(names) <= set(group.loops)
+    is_inside = abs(ratio - 1.0) < grouping.wide and (is_wide or is_all)
+    return (is_harmonic or is_inside) and _is_mostly_in(names, group)
+
+
+def _is_mostly_in(names: tuple[str, ...], group: Group) -> bool:
+    """Whether the group holds half of those loops and more."""
+    return len(set(names) & set(group.loops)) >= 0.5 * len(names)

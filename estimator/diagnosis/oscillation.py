@@ -176,7 +176,9 @@ def _is_present(one: Oscillation, settings: Swinging) -> bool:
 
 def _is_harmonic(one: Oscillation, of: Oscillation, settings: Swinging) -> bool:
     ratio = of.period_s / one.period_s
-    return ratio > 1.5 and abs(ratio - round(ratio)) < settings.same
+    is_multiple = ratio > 1.5 and abs(ratio - round(ratio)) < settings.same
+    # three in ten slower motions have such a ratio by chance, many of them far smaller
+    return is_multiple and of.amplitude > settings.fundamental * one.amplitude
 
 
 def _merge(found: list[Oscillation], one: Oscillation, settings: Swinging) -> None:

@@ -43,6 +43,9 @@ class Swinging:
             oscillations (Thornhill 2003).
         apart: factor between the frequencies of two peaks.
         same: periods nearer than this share are one oscillation.
+        fundamental: least amplitude of a fundamental over that of the band around its third
+            harmonic: pulses have harmonics as large as the fundamental, five of them in that band,
+            and a controller takes more of the fundamental, up to in proportion to the period.
         octaves: half-width of a band in octaves.
         lags: share of the window whose lags count; later ones rest on few products.
         intervals, least_intervals: zero crossings' intervals that are used (ten: Thornhill 2003),
@@ -70,6 +73,7 @@ class Swinging:
     peaks: int = 4
     apart: float = 1.7
     same: float = 0.15
+    fundamental: float = 0.15
     octaves: float = 1.0
     lags: float = 0.7
     intervals: int = 10

@@ -199,7 +199,11 @@ def _own_cause(
                 f"beside its valve there is a wave of {wave:.4g} s from outside, as the group has "
                 f"it: that began elsewhere"
             )  # fmt: skip
-        return grouping.sticky, True, f"its valve sticks: {sticky.evidence[0]}"
+        # a victim's steps look like strokes as well, but explain its PV by far less
+        nats = diagnosis.indices.get("log_bayes_factor_sticky", math.nan)
+        more = grouping.evident * math.log(nats / grouping.usual) if nats > 0.0 else 0.0
+        score = grouping.sticky + more
+        return score, score > grouping.outside, f"its valve sticks: {sticky.evidence[0]}"
     amplified = diagnosis.indices.get("amplification_at_period", math.nan)
     is_unsure = diagnosis.first.name is CauseName.UNDETERMINED and amplified > judging.tight
     if same and (tight is not None or is_unsure):

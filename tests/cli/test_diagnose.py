@@ -73,3 +73,20 @@ def test_an_empty_folder_is_one_sentence(fieldlink: Run, tmp_path: Path) -> None
     result = fieldlink("diagnose", tmp_path / "none")
     assert result.returncode == 2
     assert "holds no recording" in result.stderr
+
+
+def test_a_recording_that_is_there_twice_is_no_group(
+    fieldlink: Run, recording: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "hours"
+    folder.mkdir()
+    for name in ("FC101", "FC102"):
+        (folder / f"{name}.csv").write_bytes(recording.read_bytes())
+    answer = CliRunner().invoke(app, ["diagnose", str(folder), "--json"])
+    found = json.loads(answer.stdout)
+    assert set(found["loops"]) == {"FC101", "FC102"}
+    assert found["groups"] == []
+    assert any("FC102 has the OP and PV of FC101" in note for note in found["notes"])
+    again = fieldlink("diagnose", str(folder), str(folder / "FC101.csv"))
+    assert again.returncode != 0
+    assert "is given twice; name it once" in again.stderr

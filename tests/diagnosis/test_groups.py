@@ -66,6 +66,7 @@ def test_a_sticky_valve_without_a_period_is_the_source_of_what_its_past_tells(se
     ("plant", "seed"),
     [
         ("cascade", 72004),
+        ("cascade", 300),
         pytest.param("cascade", 72007, marks=pytest.mark.thorough),
         ("recycle", 72102),
     ],

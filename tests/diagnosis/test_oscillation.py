@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from estimator.diagnosis.oscillation import detect_oscillations
 from fieldlink.diagnosis import detect_oscillation
 
 RECORDED = Path(__file__).resolve().parents[3] / "shared" / "data" / "oscillation"
@@ -85,6 +86,17 @@ def test_pulses_at_random_times_do_not_oscillate(seed: int) -> None:
     for one in rng.integers(0, 1790, 30):
         pulses[one : one + 6] += rng.uniform(0.6, 1.4)
     assert not detect_oscillation(pulses + 0.1 * rng.standard_normal(pulses.size)).present
+
+
+@pytest.mark.parametrize("multiple", [5, 7])
+def test_a_far_smaller_slow_wave_is_no_fundamental_of_a_large_one(multiple: int) -> None:
+    # by chance three slower waves in ten have such a ratio
+    k = np.arange(3600)
+    noise = 0.1 * np.random.default_rng(multiple).standard_normal(k.size)
+    large, small = (np.sin(2.0 * np.pi * k / cycle) for cycle in (20.0, 20.0 * multiple))
+    found = detect_oscillations(10.0 * large + small + noise)
+    assert sum(one.present for one in found) >= 2, "the slow one is seen"
+    assert found[0].period_s == pytest.approx(20.0, rel=0.01)
 
 
 def test_a_constant_has_no_oscillation() -> None:

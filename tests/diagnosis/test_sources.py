@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from fieldlink.diagnosis import Diagnosis, LoopSignals, diagnose, find_groups
+from fieldlink.diagnosis import Cause, CauseName, Diagnosis, LoopSignals, diagnose, find_groups
 from tests.closed_loop import Loop, run
 from tests.seeds import in_suite
 
 
+@cache
 def group_of_two(seed: int) -> tuple[dict[str, LoopSignals], dict[str, Diagnosis]]:
     """A sticky loop and one that it moves."""
     source = run(band=6.0, jump=4.0, seed=seed)
@@ -40,3 +42,31 @@ def test_a_wave_of_the_groups_period_beside_a_sticky_valve_began_elsewhere(seed:
     # a wave of another period says nothing of this one
     found = beside_a_wave(alone, 0.7 * group.period_s)
     assert find_groups(signals, found)[0].candidates[0].loop == "A"
+
+
+def stuck(one: Diagnosis, nats: float) -> Diagnosis:
+    """The diagnosis of a loop whose valve was called sticky, with so much evidence."""
+    sticky = Cause(CauseName.STICKY_VALVE, 1.0, ("strokes",))
+    indices = dict(one.indices) | {"log_bayes_factor_sticky": nats}
+    return replace(one, causes=(sticky,), indices=indices)
+
+
+def test_of_two_sticky_valves_the_one_with_far_more_evidence_is_the_source() -> None:
+    signals, alone = group_of_two(3)
+    nats = float(alone["A"].indices["log_bayes_factor_sticky"])
+    assert nats > 100.0
+    for named, other in (("A", "B"), ("B", "A")):
+        both = {named: stuck(alone[named], 40.0 * nats), other: stuck(alone[other], 0.2 * nats)}
+        weights = {
+            one.loop: one.weight
+            for one in find_groups(signals, both)[0].candidates
+        }  # fmt: skip
+        even = {name: stuck(one, nats) for name, one in alone.items()}
+        before = {one.loop: one.weight for one in find_groups(signals, even)[0].candidates}
+        assert weights[named] / weights[other] > 100.0 * before[named] / before[other]
+
+
+def test_a_valve_that_is_hardly_sticky_is_less_likely_than_a_source_outside() -> None:
+    signals, alone = group_of_two(3)
+    victims = {name: stuck(one, 11.0) for name, one in alone.items()}
+    assert find_groups(signals, victims)[0].candidates[0].loop is None
