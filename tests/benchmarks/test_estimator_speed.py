@@ -16,7 +16,7 @@ def test_the_least_of_several_runs_counts() -> None:
     assert len(runs) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_every_kind_is_timed_and_every_rival_compared(tmp_path, capsys, monkeypatch) -> None:
     chosen = FAMILY_KINDS[:1]
     monkeypatch.setattr(estimator_speed, "FAMILY_KINDS", chosen)

@@ -118,7 +118,7 @@ def native(windows: Path) -> dict[str, Any]:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.thorough if name.startswith("numba") else ())
+        pytest.param(name, marks=() if name.startswith("blas prescott") else pytest.mark.thorough)
         for name in PARTS
     ],
 )
