@@ -143,6 +143,11 @@ def _without_repetitions(
     repeated = np.array([n for n in same if cells[rows[n]] == cells[rows[n - 1]]], dtype=np.int64)
     if same.size == 0:
         return rows, stamps
+    if repeated.size == same.size and 2 * same.size >= stamps.size:
+        # A file joined from copies: samples that a coarse clock stamps alike differ here and there.
+        notes.append(f"{repeated.size} rows repeat the row before and are left out")
+        once = np.setdiff1d(np.arange(stamps.size), repeated)
+        return rows[once], stamps[once]
     if same.size - repeated.size > _FEW * stamps.size or 2 * same.size > stamps.size:
         return rows, _spread(stamps, notes)
     # Beside an interval of two periods the row is a sample, and its stamp is late or early.

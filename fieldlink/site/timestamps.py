@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,12 @@ _MOST_MULTIPLES = 10.0
 samples nine would be missing, and nothing could be judged."""
 _REGULAR = 0.05
 """Share of the period by which an interval may differ and still count as regular."""
+
+_ROUNDED = 0.1
+"""Least share of the shorter and of the longer intervals where stamps are cut to a coarser clock: a
+rarer long one is a row that is missing."""
+_OTHERS = 0.05
+"""Share of longer intervals up to which they are gaps of such a record."""
 
 Floats = NDArray[np.float64]
 
@@ -137,6 +144,9 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
     if others == 0:
         # Over the whole record the digits that stamps lack do not count.
         return float((seconds[-1] - seconds[0]) / (rows[-1] - rows[0]))
+    rounded = _interval_of_rounded(steps)
+    if rounded is not None:
+        return rounded
     is_regular = others <= 0.5 * steps.size
     if is_regular or not shortest > 0.0:
         return median
@@ -147,6 +157,46 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
         return median
     drift = seconds - np.polyval(np.polyfit(rows, seconds, 1), rows)
     return shortest if float(np.std(drift)) > median else median
+
+
+def _interval_of_rounded(steps: Floats) -> float | None:
+    """The interval of samples whose stamps are cut to a coarser clock; None for other stamps.
+
+    Samples 2.5 s apart have stamps of whole seconds 2, 3, 2, 3 s apart. No interval is the period,
+    and over any number of rows the sum is less than one count of the clock off, which it does not
+    stay where rows are missing by chance.
+    """
+    shortest = float(steps.min())
+    if not shortest > 0.0:
+        return None
+    tie = _REGULAR * shortest
+    longer = steps[steps > shortest + tie]
+    clock = float(longer.min()) - shortest
+    short = steps <= shortest + tie
+    pair = short | (np.abs(steps - shortest - clock) <= tie)
+    both = min(np.count_nonzero(short), np.count_nonzero(pair & ~short))
+    if clock > shortest - tie and not _is_count_of_clock(clock):
+        return None
+    if clock > shortest + tie or both < _ROUNDED * steps.size:
+        return None
+    if np.count_nonzero(~pair) > _OTHERS * steps.size:
+        return None
+    # Rows and stamps of each part between gaps, about their means.
+    ends = [0, *(np.flatnonzero(~pair) + 1).tolist(), steps.size + 1]
+    stamps = np.concatenate([[0.0], np.cumsum(steps)])
+    parts = [stamps[first:last] - stamps[first:last].mean() for first, last in pairwise(ends)]
+    rows = [np.arange(part.size) - 0.5 * (part.size - 1) for part in parts]
+    period = float(np.concatenate(parts) @ np.concatenate(rows) / sum(n @ n for n in rows))
+    for part, row in zip(parts, rows, strict=True):
+        if np.ptp(part - period * row) > clock + _REGULAR * period:
+            return None
+    return period
+
+
+def _is_count_of_clock(seconds: float) -> bool:
+    """Whether clocks count so: minutes, seconds, tenths; of 5 s and 10 s every other row lacks."""
+    power = math.log10(seconds)
+    return abs(seconds - 60.0) < _REGULAR or abs(power - round(power)) < 1e-3
 
 
 def _spell_out(found: re.Match[str]) -> str:
