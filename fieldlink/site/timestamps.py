@@ -49,6 +49,7 @@ class Sampling:
         period: median interval in seconds.
         irregular: intervals that differ from the period by more than a twentieth of it.
         shortest, longest: intervals in seconds.
+        clock: seconds of a count of the clock to which the stamps are cut; None where they are not.
     """
 
     seconds: Floats
@@ -57,6 +58,7 @@ class Sampling:
     irregular: int
     shortest: float
     longest: float
+    clock: float | None = None
 
 
 def parse_times(
@@ -112,6 +114,7 @@ def sampling_of(times: Times) -> Sampling:
     if not period > 0.0:
         raise NoClockError(f"the times do not increase (median interval {period:g} s)")
     irregular = int(np.count_nonzero(np.abs(steps - period) > _REGULAR * period))
+    rounded = _interval_of_rounded(steps)
     first = float(seconds[known[0]] - known[0] * period)
     return Sampling(
         seconds - first,
@@ -120,6 +123,7 @@ def sampling_of(times: Times) -> Sampling:
         irregular,
         float(steps.min()),
         float(steps.max()),
+        None if rounded is None or abs(rounded[0] - period) > 0.0 else rounded[1],
     )
 
 
@@ -146,7 +150,7 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
         return float((seconds[-1] - seconds[0]) / (rows[-1] - rows[0]))
     rounded = _interval_of_rounded(steps)
     if rounded is not None:
-        return rounded
+        return rounded[0]
     is_regular = others <= 0.5 * steps.size
     if is_regular or not shortest > 0.0:
         return median
@@ -159,18 +163,20 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
     return shortest if float(np.std(drift)) > median else median
 
 
-def _interval_of_rounded(steps: Floats) -> float | None:
-    """The interval of samples whose stamps are cut to a coarser clock; None for other stamps.
+def _interval_of_rounded(steps: Floats) -> tuple[float, float] | None:
+    """The interval of samples whose stamps are cut to a coarser clock, and the clock's count.
 
     Samples 2.5 s apart have stamps of whole seconds 2, 3, 2, 3 s apart. No interval is the period,
     and over any number of rows the sum is less than one count of the clock off, which it does not
-    stay where rows are missing by chance.
+    stay where rows are missing by chance. None for other stamps.
     """
     shortest = float(steps.min())
     if not shortest > 0.0:
         return None
     tie = _REGULAR * shortest
     longer = steps[steps > shortest + tie]
+    if longer.size == 0:
+        return None
     clock = float(longer.min()) - shortest
     short = steps <= shortest + tie
     pair = short | (np.abs(steps - shortest - clock) <= tie)
@@ -190,7 +196,7 @@ def _interval_of_rounded(steps: Floats) -> float | None:
     for part, row in zip(parts, rows, strict=True):
         if np.ptp(part - period * row) > clock + _REGULAR * period:
             return None
-    return period
+    return period, clock
 
 
 def _is_count_of_clock(seconds: float) -> bool:

@@ -62,7 +62,7 @@ def test_signals_with_times_of_their_own_are_refused(heading: str, tmp_path: Pat
 
 
 @pytest.mark.parametrize("missing", [0, 4])
-@pytest.mark.parametrize("period", [1.2, 1.5, 1.7, 2.5, 3.3, 7.3])
+@pytest.mark.parametrize("period", [0.5, 0.7, 1.2, 1.5, 1.7, 2.5, 3.3, 7.3])
 def test_stamps_of_whole_seconds_of_samples_between_them(
     period: float, missing: int, tmp_path: Path
 ) -> None:
@@ -70,9 +70,12 @@ def test_stamps_of_whole_seconds_of_samples_between_them(
     recording = fill_missing_rows(
         read_recording(write(tmp_path, rows[:100] + rows[100 + missing :]))
     )
-    assert recording.period == pytest.approx(period, rel=1e-3)
-    assert len(recording) == N
-    assert int(np.isnan(recording.op).sum()) == missing
+    # Over a gap the samples are counted to a count of the clock.
+    late = 0 if period > 1.0 or not missing else 2
+    assert recording.period == pytest.approx(period, rel=1e-2 if late else 1e-3)
+    assert len(recording) == pytest.approx(N, abs=late)
+    assert int(np.isnan(recording.op).sum()) == pytest.approx(missing, abs=late)
+    assert any("the clock counts in steps of 1 s" in note for note in recording.notes)
 
 
 def test_rows_that_are_missing_by_chance_are_no_coarse_clock(tmp_path: Path) -> None:
