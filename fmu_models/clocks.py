@@ -3,7 +3,7 @@
 A clock of constant, fixed or tunable interval ticks at its shift after the start and every interval
 from there; one of a changing interval asks at each tick for the time to the next; a countdown ticks
 once when the FMU has asked for it (FMI 3.0, 2.2.8). A clock that is due between two steps ticks at
-the begin of the next one, so that it sees the inputs which hold from that moment on. Triggered
+the start of the next one, so that it sees the inputs which hold from that moment on. Triggered
 input clocks belong to other FMUs and never tick here.
 """
 
