@@ -95,12 +95,14 @@ def parse_description(file: Path) -> Any:
 
 
 def _drop_unusable_numbers(experiment: Any) -> None:
-    """Take numbers of the default experiment that are none, or infinite, for not given."""
+    """Take numbers of the default experiment that cannot be used for not given."""
     for name in ("startTime", "stopTime", "stepSize", "tolerance"):
         try:
             usable = math.isfinite(float(getattr(experiment, name, None) or 0.0))
         except ValueError:
             usable = False
+        if name == "stepSize" and usable:
+            usable = float(getattr(experiment, name, None) or 1.0) > 0.0
         if not usable:
             setattr(experiment, name, None)
 

@@ -23,6 +23,7 @@ from .archive import (
 )
 from .arrays import resolve_shape
 from .summary import FmuSummary, UnitDefinition, VariableSummary
+from .unit_details import UnitDetails, read_unit_details
 from .variable_types import LEFT_OUT, is_settable
 
 __all__ = ["summarise_fmu"]
@@ -49,7 +50,8 @@ def summarise_fmu(file: Path) -> FmuSummary:
     runnable = [kind for kind in offered if kind in KINDS]
     here = any(library_name(description, kind) in names for kind in runnable)
     experiment = description.defaultExperiment
-    variables = tuple(_variable(v) for v in description.modelVariables)
+    details = read_unit_details(file)
+    variables = tuple(_variable(v, details) for v in description.modelVariables)
     first = None
     if runnable:
         exchange = runnable[0] == MODEL_EXCHANGE
@@ -74,7 +76,7 @@ def summarise_fmu(file: Path) -> FmuSummary:
         tolerance=_number(experiment, "tolerance"),
         can_restore=bool(first and first.canGetAndSetFMUstate and first.canSerializeFMUstate),
         states=int(description.numberOfContinuousStates or 0),
-        units=tuple(_unit(unit) for unit in description.unitDefinitions),
+        units=tuple(_unit(unit, details) for unit in description.unitDefinitions),
         variables=variables,
         warnings=(),
     )
@@ -86,7 +88,7 @@ def _number(experiment: Any, name: str) -> float | None:
     return float(value) if value else None
 
 
-def _variable(variable: Any) -> VariableSummary:
+def _variable(variable: Any, details: UnitDetails) -> VariableSummary:
     declared = variable.declaredType
     items = tuple((int(item.value), item.name) for item in declared.items) if declared else ()
     return VariableSummary(
@@ -104,6 +106,9 @@ def _variable(variable: Any) -> VariableSummary:
         items=items,
         shape=resolve_shape(variable, {}),
         sized_by=tuple(d.variable.name if d.variable else "" for d in variable.dimensions or ()),
+        relative=details.relative.get(
+            variable.name, bool(declared is not None and declared.relativeQuantity)
+        ),
     )
 
 
@@ -113,7 +118,7 @@ def _finite(text: Any, default: float) -> float:
     return value if math.isfinite(value) else default
 
 
-def _unit(unit: Any) -> UnitDefinition:
+def _unit(unit: Any, details: UnitDetails) -> UnitDefinition:
     base = unit.baseUnit
     names = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
     return UnitDefinition(
@@ -122,7 +127,9 @@ def _unit(unit: Any) -> UnitDefinition:
         factor=_finite(base.factor, 1.0) if base else 1.0,
         offset=_finite(base.offset, 0.0) if base else 0.0,
         shown=tuple(
-            (d.name, _finite(d.factor, 1.0), _finite(d.offset, 0.0)) for d in unit.displayUnits
+            (d.name, _finite(d.factor, 1.0), _finite(d.offset, 0.0))
+            for d in unit.displayUnits
+            if (unit.name, d.name) not in details.inverse
         ),
     )
 
@@ -151,6 +158,13 @@ def _with_warnings(summary: FmuSummary, description: Any, interface: Any) -> Fmu
         names = [v.name for v in summary.variables if v.type == kind and v.name not in texts]
         if names:
             warnings.append(f"left out, {why}: {_enumerate_some(names)}")
+    idle = [
+        v.name
+        for v in description.modelVariables
+        if v.type == "Clock" and v.causality == "input" and v.intervalVariability == "triggered"
+    ]
+    if idle:
+        warnings.append(f"input clocks that nothing triggers here: {_enumerate_some(idle)}")
     if not any(v.causality == "output" for v in summary.variables):
         warnings.append("it has no outputs: name what to watch")
     for v in summary.variables:

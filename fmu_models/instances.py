@@ -11,15 +11,15 @@ FMU has it.
 from __future__ import annotations
 
 import contextlib
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from ctypes import byref
 from typing import Any
 
 from fmpy import fmi1, fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 
+from .clocks import InputClock, InputClocks
 from .library import call_checked
 
 __all__ = ["CoSimulation", "EndedError", "Instance", "StoppedError"]
@@ -52,11 +52,13 @@ class Instance(ABC):
     Args:
         fmu: FMPy's object, instantiated.
         version: of FMI, 1, 2 or 3.
+        clocks: of FMI 3, which tick in event mode.
     """
 
-    def __init__(self, fmu: Any, version: int) -> None:
+    def __init__(self, fmu: Any, version: int, clocks: Sequence[InputClock] = ()) -> None:
         self.fmu = fmu
         self.version = version
+        self._clocks = InputClocks(fmu, clocks)
         self._started = False
 
     def configure(self, write: Callable[[], None]) -> None:
@@ -95,10 +97,11 @@ class Instance(ABC):
             content: bytes = self.fmu.serializeFMUState(state)
         finally:
             self.fmu.freeFMUState(state)
-        return content
+        return self._clocks.save() + content
 
     def restore(self, content: bytes) -> None:
         """Go back to a state that `save` returned."""
+        content = self._clocks.restore(content)
         state = self.fmu.deserializeFMUState(content)
         try:
             self.fmu.setFMUState(state)
@@ -121,11 +124,23 @@ class CoSimulation(Instance):
         fmu: FMPy's object, instantiated.
         version: of FMI.
         event_mode: whether it was instantiated with event mode (FMI 3).
+        clocks: that this program ticks; only with event mode.
+        can_vary_step: whether it takes shorter steps, up to a tick.
     """
 
-    def __init__(self, fmu: Any, version: int, *, event_mode: bool = False) -> None:
-        super().__init__(fmu, version)
+    def __init__(
+        self,
+        fmu: Any,
+        version: int,
+        *,
+        event_mode: bool = False,
+        clocks: Sequence[InputClock] = (),
+        can_vary_step: bool = True,
+    ) -> None:
+        super().__init__(fmu, version, clocks if event_mode else ())
         self._event_mode = event_mode
+        self._can_vary_step = can_vary_step
+        self._now = 0.0
         self._event, self._terminate, self._early = (fmi3.fmi3Boolean() for _ in range(3))
         self._last = fmi3.fmi3Float64()
         self._answers = tuple(
@@ -133,6 +148,7 @@ class CoSimulation(Instance):
         )
 
     def _initialise(self, start_time: float) -> None:
+        self._now = start_time
         if self.version == 1:
             self.fmu.initialize(tStart=start_time)
             return
@@ -144,6 +160,7 @@ class CoSimulation(Instance):
         self.fmu.exitInitializationMode()
         if self._event_mode:  # FMI 3 stands in event mode now
             self._update_discrete(start_time)
+            self._clocks.begin(start_time)
             self.fmu.enterStepMode()
 
     def change(self, write: Callable[[], None]) -> None:
@@ -154,7 +171,8 @@ class CoSimulation(Instance):
         self.fmu.enterEventMode()
         try:
             write()
-            self._update_discrete(math.nan)
+            self._update_discrete(self._now)
+            self._clocks.look(self._now)
         finally:
             self.fmu.enterStepMode()
 
@@ -167,14 +185,32 @@ class CoSimulation(Instance):
                 return
         raise StoppedError(f"its events at {time:g} s do not come to an end")
 
+    def _tick(self, time: float) -> None:
+        self.fmu.enterEventMode()
+        self._clocks.tick(time)
+        self._update_discrete(time)
+        self._clocks.look(time)
+        self.fmu.enterStepMode()
+
     def advance(self, time: float, size: float) -> None:
         """See `Instance.advance`."""
         goal = time + size
-        reached = self._part(time, size, goal)
+        reached = time
         for _ in range(_MAX_PARTS):
+            if self._clocks.is_due(reached):
+                self._tick(reached)
+                continue
+            until = self._clocks.next_before(goal)
+            if until < goal and not self._can_vary_step:
+                raise StoppedError(
+                    f"one of its clocks ticks at {until:g} s, within the step, and it takes no "
+                    "shorter one; take a period at whose end its clocks tick"
+                )
+            whole = reached == time and until == goal
+            reached = self._part(reached, size if whole else until - reached, until)
             if reached >= goal - 1e-12 * max(abs(goal), size):
+                self._now = goal
                 return
-            reached = self._part(reached, goal - reached, goal)
         raise StoppedError(f"the FMU interrupts its step more than {_MAX_PARTS} times")
 
     def _part(self, time: float, size: float, goal: float) -> float:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from fmpy.fmi1 import FMICallException
 
+from .clocks import InputClock
 from .errors import PlantFileError
 from .instances import EndedError, Instance, StoppedError
 
@@ -44,10 +45,18 @@ class ModelExchange(Instance):
         version: of FMI.
         description: FMPy's model description.
         max_step: the longest step of the solver in seconds, so that no short event is missed.
+        clocks: that this program ticks (FMI 3).
     """
 
-    def __init__(self, fmu: Any, version: int, description: Any, max_step: float) -> None:
-        super().__init__(fmu, version)
+    def __init__(
+        self,
+        fmu: Any,
+        version: int,
+        description: Any,
+        max_step: float,
+        clocks: Sequence[InputClock] = (),
+    ) -> None:
+        super().__init__(fmu, version, clocks)
         experiment = description.defaultExperiment
         given = experiment.tolerance if experiment else None
         self._tolerance = float(given) if given else _TOLERANCE
@@ -79,6 +88,7 @@ class ModelExchange(Instance):
                 fmu.enterInitializationMode(startTime=start_time)
             fmu.exitInitializationMode()
             self._update_discrete()
+            self._clocks.begin(start_time)
             fmu.enterContinuousTimeMode()
         self._solver = self._make_solver(start_time)
 
@@ -130,6 +140,7 @@ class ModelExchange(Instance):
             try:
                 write()
                 self._update_discrete()
+                self._clocks.look(self._time)
             finally:
                 self.fmu.enterContinuousTimeMode()
         self._solver.reset(self._time)
@@ -140,7 +151,11 @@ class ModelExchange(Instance):
         close = 1e-12 * max(abs(goal), size)
         mark, pieces = self._time, 0
         while self._time < goal - close:
-            self._piece(min(goal, max(self._next_event, self._time)), close)
+            if self._clocks.is_due(self._time):
+                self._tick()
+            else:
+                until = min(self._next_event, self._clocks.next_before(goal))
+                self._piece(max(until, self._time), close)
             pieces += 1
             if pieces % _MANY_EVENTS == 0:
                 if self._time - mark < _LEAST_PROGRESS * size:
@@ -150,6 +165,14 @@ class ModelExchange(Instance):
                     )
                 mark = self._time
         self._time = goal
+
+    def _tick(self) -> None:
+        self.fmu.enterEventMode()
+        self._clocks.tick(self._time)
+        self._update_discrete()
+        self._clocks.look(self._time)
+        self.fmu.enterContinuousTimeMode()
+        self._solver.reset(self._time)
 
     def _piece(self, until: float, close: float) -> None:
         """Integrate up to ``until`` or an event."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .archive import MODEL_EXCHANGE, extract_fmu, read_description
+from .clocks import read_input_clocks
 from .errors import PlantError, PlantInputError
 from .instances import CoSimulation, Instance
 from .intermediate import IntermediateLog
@@ -131,6 +132,7 @@ def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu
             "FMI 3 with providesIntermediateUpdate); take shorter steps instead"
         )
     log = IntermediateLog(variables, info.outputs) if options.intermediate else None
+    clocks = read_input_clocks(file) if version == 3 else ()
     own: tempfile.TemporaryDirectory[str] | None = None
     if folder is None:
         own = tempfile.TemporaryDirectory(prefix="fieldlink-fmu-", ignore_cleanup_errors=True)
@@ -147,10 +149,16 @@ def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu
         log.fmu = fmu
     instance: Instance
     if exchange:
-        instance = ModelExchange(fmu, version, description, info.period)
+        instance = ModelExchange(fmu, version, description, info.period, clocks)
     else:
         event_mode = version == 3 and bool(interface.hasEventMode)
-        instance = CoSimulation(fmu, version, event_mode=event_mode)
+        instance = CoSimulation(
+            fmu,
+            version,
+            event_mode=event_mode,
+            clocks=clocks,
+            can_vary_step=info.can_vary_step,
+        )
     start = _start_time(description)
     return LoadedFmu(info, instance, variables, start, described.starts, own, log)
 

@@ -141,10 +141,15 @@ def _encode(model: str, name: str, value: StartValue) -> bytes:
 
 
 def _as_number(model: str, name: str, variable: Any, value: StartValue) -> float:
-    if not isinstance(value, str):
-        return value
     declared = variable.declaredType
     words = {item.name: float(item.value) for item in declared.items or ()} if declared else {}
+    if not isinstance(value, str):
+        if words and value not in words.values():
+            known = ", ".join(f"{number:g} ({word})" for word, number in words.items())
+            raise PlantInputError(
+                f"plant {model}: {name} = {value:g} cannot be set; it must be one of {known}"
+            )
+        return value
     if variable.type == "Boolean":
         words = {"true": 1.0, "false": 0.0}
     if value not in words:

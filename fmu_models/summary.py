@@ -38,7 +38,8 @@ class VariableSummary:
 
     ``items`` are the names of an enumeration's values, ``settable`` says whether it can be given
     before the start. ``shape`` are the sizes of an array, ``()`` for a scalar; ``sized_by`` names
-    the structural parameter that decides each of them, empty for a fixed size.
+    the structural parameter that decides each of them, empty for a fixed size. ``relative`` is true
+    of a difference, such as one of temperatures, whose unit converts without its offset.
     """
 
     name: str
@@ -55,6 +56,7 @@ class VariableSummary:
     items: tuple[tuple[int, str], ...]
     shape: tuple[int, ...]
     sized_by: tuple[str, ...]
+    relative: bool = False
 
 
 @dataclass(frozen=True)

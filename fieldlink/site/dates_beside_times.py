@@ -5,6 +5,7 @@ join_dates(file, 1, ["12:00:00"])  # ["05.11.2026 12:00:00"], and a note that sa
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from fieldlink.site.column_names import DATE_WORDS
@@ -13,6 +14,9 @@ from fieldlink.site.dated_cells import is_date
 from fieldlink.site.times_of_day import has_hours, spell_out_times
 
 __all__ = ["join_dates"]
+
+_MIDNIGHT = re.compile(r"[ T]0?0:00(?::00(?:[.,]0+)?)?\Z")
+"""What stands behind a day where a workbook or a database keeps dates as moments."""
 
 
 def join_dates(file: CsvFile, column: int, cells: Sequence[str]) -> tuple[Sequence[str], list[str]]:
@@ -33,7 +37,7 @@ def join_dates(file: CsvFile, column: int, cells: Sequence[str]) -> tuple[Sequen
         # Digits alone, as 120002, are a time only beside what is called a date.
         if number == column or not (is_clear or is_dates):
             continue
-        days = [row.cells[number] for row in file.rows]
+        days = [_day(row.cells[number]) for row in file.rows]
         pairs = list(zip(days, spelled or cells, strict=True))
         wrong = next((day for day, cell in pairs if cell and not is_date(day)), None)
         if wrong is None:
@@ -42,3 +46,9 @@ def join_dates(file: CsvFile, column: int, cells: Sequence[str]) -> tuple[Sequen
         if is_dates:
             notes.append(f"{heading} is left out: {wrong!r} is not a date")
     return cells, notes
+
+
+def _day(cell: str) -> str:
+    """The day of a moment at midnight; another cell as it is."""
+    found = _MIDNIGHT.search(cell)
+    return cell if found is None else cell[: found.start()]

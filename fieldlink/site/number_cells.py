@@ -43,7 +43,8 @@ _BAD_STATES = frozenset(
         "out of range", "out of serv", "out of service", "scan off", "scan timeout", "off scan",
         "shutdown", "intf shut", "configure", "unit down", "pt created", "arc off-line",
         "archive offline", "doubtful", "not connected", "equip fail", "sensor failure",
-        "device failure", "uncertain", "unknown", "stale", "disconnected",
+        "device failure", "uncertain", "unknown", "stale", "disconnected", "inp outrange",
+        "n.a.", "undefined", "(null)", "<null>", "\\n", "fehler", "ung\u00fcltig", "schlecht",
     )
 )  # fmt: skip
 """What historians (PI's digital states, OPC's qualities) and spreadsheets write for a bad value."""
@@ -57,11 +58,14 @@ transmitter's float (IEEE 754 binary32: 3.4028235e38), however few digits are wr
 whatever exceeds it, such as the largest double (1.8e308)."""
 
 _CELL = re.compile(
-    r"([-+]?[.,]?\d(?:[\d.,' ]*\d)?[.,]?(?:e[-+]?\d+)?)\s*([%\u00b0\u00b5a-z].*)?", re.IGNORECASE
+    r"([-+]?[.,]?\d(?:[\d.,' ]*\d)?[.,]?(?:[de][-+]?\d+)?)\s*([%\u00b0\u00b5a-z].*)?", re.IGNORECASE
 )
-_GROUPED = re.compile(r"[-+]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?(e[-+]?\d+)?", re.IGNORECASE)
+_GROUPED = re.compile(r"[-+]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?([de][-+]?\d+)?", re.IGNORECASE)
 _THREE_BEHIND = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
 """A mark that may group digits or begin decimals."""
+_FORTRAN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)d[-+]?\d+", re.IGNORECASE)
+"""A number in Fortran's notation of double precision, 1.203860D+03."""
+_EXPONENT = str.maketrans("dD", "ee")
 _OTHER = {".": ",", ",": "."}
 _PLAIN = str.maketrans(
     {"\u2212": "-", "\u2019": "'", "\u00b4": "'", "\u00a0": " ", "\u202f": " ", "\u2009": " "}
@@ -209,7 +213,12 @@ def plain_number(text: str) -> float:
     # Python reads 1_000 as a number; measured data does not write numbers so.
     if "_" in text:
         raise ValueError(text)
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        if not _FORTRAN.fullmatch(text):
+            raise
+        value = float(text.translate(_EXPONENT))
     if value - value != 0.0:
         raise ValueError(text)
     return value

@@ -348,7 +348,12 @@ def _notes(
             f"the time column says {sampling.period:g} s between rows; "
             f"the given {period:g} s counts"
         )
-    if sampling is not None and sampling.irregular:
+    if sampling is not None and sampling.clock is not None:
+        notes.append(
+            f"the clock counts in steps of {sampling.clock:g} s: the samples are taken as "
+            f"{sampling.period:.4g} s apart"
+        )
+    elif sampling is not None and sampling.irregular:
         notes.append(
             f"sampling is irregular: {sampling.irregular} of {sampling.seconds.size - 1} intervals "
             f"differ from {sampling.period:g} s by more than 5 %, the longest is "

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,6 +144,11 @@ def _without_repetitions(
     repeated = np.array([n for n in same if cells[rows[n]] == cells[rows[n - 1]]], dtype=np.int64)
     if same.size == 0:
         return rows, stamps
+    if repeated.size == same.size and 2 * same.size >= stamps.size:
+        # A file joined from copies: samples that a coarse clock stamps alike differ here and there.
+        notes.append(f"{repeated.size} rows repeat the row before and are left out")
+        once = np.setdiff1d(np.arange(stamps.size), repeated)
+        return rows[once], stamps[once]
     if same.size - repeated.size > _FEW * stamps.size or 2 * same.size > stamps.size:
         return rows, _spread(stamps, notes)
     # Beside an interval of two periods the row is a sample, and its stamp is late or early.
@@ -167,19 +173,37 @@ def _without_repetitions(
 
 
 def _spread(stamps: Floats, notes: list[str]) -> Floats:
-    """Evenly spaced times, where every stamp is that of its row cut to a coarser clock."""
-    changes = np.flatnonzero(np.diff(stamps) > 0.0) + 1
+    """Evenly spaced times, where every stamp is that of its row cut to a coarser clock.
+
+    Every count of the clock has a row then; where counts are left out, rows are missing.
+    """
+    steps = np.diff(stamps)
+    changes = np.flatnonzero(steps > 0.0) + 1
     shared = stamps.size - 1 - changes.size
     refusal = NoClockError(
         f"the times do not increase: {shared} of {stamps.size} rows have the time of the row before"
     )
     if changes.size < 2:
         raise refusal
-    first, last = changes[0], changes[-1]
-    period = float((stamps[last] - stamps[first]) / (last - first))
-    even: Floats = stamps[first] + period * (np.arange(stamps.size) - first)
-    clock = float(np.diff(stamps[changes]).min())
-    if np.abs(even - stamps).max() > 1.5 * clock + period:
+    clock = float(steps[changes - 1].min())
+    gaps = changes[steps[changes - 1] > _TWO * clock]
+    if gaps.size > _FEW * changes.size:
+        gaps = gaps[:0]
+    bounds = [0, *gaps.tolist(), stamps.size]
+    parts = [
+        changes[(changes > first) & (changes < last)] if gaps.size else changes
+        for first, last in pairwise(bounds)
+    ]
+    long_ones = [part for part in parts if part.size > 1]
+    counted = sum(int(part[-1] - part[0]) for part in long_ones)
+    if not counted:
+        raise refusal
+    period = float(sum(stamps[part[-1]] - stamps[part[0]] for part in long_ones) / counted)
+    even = np.empty_like(stamps)
+    for first, last, part in zip(bounds[:-1], bounds[1:], parts, strict=True):
+        anchor = int(part[0]) if part.size else first
+        even[first:last] = stamps[anchor] + period * (np.arange(first, last) - anchor)
+    if np.abs(even - stamps).max() > 1.5 * clock + period or (np.diff(even) <= 0.0).any():
         raise refusal
     notes.append(
         f"{shared} rows have the time of the row before, because the clock counts in steps of "

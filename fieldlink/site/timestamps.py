@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,12 @@ samples nine would be missing, and nothing could be judged."""
 _REGULAR = 0.05
 """Share of the period by which an interval may differ and still count as regular."""
 
+_ROUNDED = 0.1
+"""Least share of the shorter and of the longer intervals where stamps are cut to a coarser clock: a
+rarer long one is a row that is missing."""
+_OTHERS = 0.05
+"""Share of longer intervals up to which they are gaps of such a record."""
+
 Floats = NDArray[np.float64]
 
 
@@ -42,6 +49,7 @@ class Sampling:
         period: median interval in seconds.
         irregular: intervals that differ from the period by more than a twentieth of it.
         shortest, longest: intervals in seconds.
+        clock: seconds of a count of the clock to which the stamps are cut; None where they are not.
     """
 
     seconds: Floats
@@ -50,6 +58,7 @@ class Sampling:
     irregular: int
     shortest: float
     longest: float
+    clock: float | None = None
 
 
 def parse_times(
@@ -105,6 +114,7 @@ def sampling_of(times: Times) -> Sampling:
     if not period > 0.0:
         raise NoClockError(f"the times do not increase (median interval {period:g} s)")
     irregular = int(np.count_nonzero(np.abs(steps - period) > _REGULAR * period))
+    rounded = _interval_of_rounded(steps)
     first = float(seconds[known[0]] - known[0] * period)
     return Sampling(
         seconds - first,
@@ -113,6 +123,7 @@ def sampling_of(times: Times) -> Sampling:
         irregular,
         float(steps.min()),
         float(steps.max()),
+        None if rounded is None or abs(rounded[0] - period) > 0.0 else rounded[1],
     )
 
 
@@ -137,6 +148,9 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
     if others == 0:
         # Over the whole record the digits that stamps lack do not count.
         return float((seconds[-1] - seconds[0]) / (rows[-1] - rows[0]))
+    rounded = _interval_of_rounded(steps)
+    if rounded is not None:
+        return rounded[0]
     is_regular = others <= 0.5 * steps.size
     if is_regular or not shortest > 0.0:
         return median
@@ -147,6 +161,48 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
         return median
     drift = seconds - np.polyval(np.polyfit(rows, seconds, 1), rows)
     return shortest if float(np.std(drift)) > median else median
+
+
+def _interval_of_rounded(steps: Floats) -> tuple[float, float] | None:
+    """The interval of samples whose stamps are cut to a coarser clock, and the clock's count.
+
+    Samples 2.5 s apart have stamps of whole seconds 2, 3, 2, 3 s apart. No interval is the period,
+    and over any number of rows the sum is less than one count of the clock off, which it does not
+    stay where rows are missing by chance. None for other stamps.
+    """
+    shortest = float(steps.min())
+    if not shortest > 0.0:
+        return None
+    tie = _REGULAR * shortest
+    longer = steps[steps > shortest + tie]
+    if longer.size == 0:
+        return None
+    clock = float(longer.min()) - shortest
+    short = steps <= shortest + tie
+    pair = short | (np.abs(steps - shortest - clock) <= tie)
+    both = min(np.count_nonzero(short), np.count_nonzero(pair & ~short))
+    if clock > shortest - tie and not _is_count_of_clock(clock):
+        return None
+    if clock > shortest + tie or both < _ROUNDED * steps.size:
+        return None
+    if np.count_nonzero(~pair) > _OTHERS * steps.size:
+        return None
+    # Rows and stamps of each part between gaps, about their means.
+    ends = [0, *(np.flatnonzero(~pair) + 1).tolist(), steps.size + 1]
+    stamps = np.concatenate([[0.0], np.cumsum(steps)])
+    parts = [stamps[first:last] - stamps[first:last].mean() for first, last in pairwise(ends)]
+    rows = [np.arange(part.size) - 0.5 * (part.size - 1) for part in parts]
+    period = float(np.concatenate(parts) @ np.concatenate(rows) / sum(n @ n for n in rows))
+    for part, row in zip(parts, rows, strict=True):
+        if np.ptp(part - period * row) > clock + _REGULAR * period:
+            return None
+    return period, clock
+
+
+def _is_count_of_clock(seconds: float) -> bool:
+    """Whether clocks count so: minutes, seconds, tenths; of 5 s and 10 s every other row lacks."""
+    power = math.log10(seconds)
+    return abs(seconds - 60.0) < _REGULAR or abs(power - round(power)) < 1e-3
 
 
 def _spell_out(found: re.Match[str]) -> str:

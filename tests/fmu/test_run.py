@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -203,6 +204,7 @@ def test_maps_that_do_not_fit(mini_fmus: Minis, tmp_path: Path, text: str, words
         ("time;op\n0;998\n1;1,005\n", "column 'op': '1,005' may be a decimal comma or grouped"),
         ("time,op\n0,5 %\n1,6 %\n", "row 2, column 'op': '5 %' is not a finite number"),
         ("time,op\n0,Bad\n1,6\n", "row 2, column 'op': 'Bad' is not a finite number"),
+        ("time,op\n2026-02-01 10:00,5\n", r"'2026-02-01 10:00' is .*; give seconds of the run"),
         ("time,op\n", "no row below the header"),
         ("", "it is empty"),
     ],
@@ -285,6 +287,29 @@ def test_start_values_by_name(mini_fmus: Minis, tmp_path: Path) -> None:
         np.testing.assert_allclose(level, factor * (1.0 - np.exp(-0.5 * np.arange(5))), atol=2e-3)
     refused = command("run", file, *options, "--set", "mode=quick")
     assert "or one of slow, fast" in " ".join(refused.output.replace("│", "").split())
+    with pytest.raises(PlantInputError, match=r"mode = 7 .* must be one of 1 \(slow\), 2 \(fast\)"):
+        open_plant(file, period=1.0, parameters={"mode": 7})
+
+
+def test_values_outside_of_their_range_are_named(mini_fmus: Minis, tmp_path: Path) -> None:
+    file = tmp_path / "ranged.fmu"
+    with zipfile.ZipFile(mini_fmus["fmi2"]) as old, zipfile.ZipFile(file, "w") as new:
+        for name in old.namelist():
+            content = old.read(name)
+            if name == "modelDescription.xml":
+                content = content.replace(b'unit="m3/s"', b'unit="m3/s" min="0" max="1"')
+            new.writestr(name, content)
+    (tmp_path / "in.csv").write_text("time,tank.inflow[1]\n0,0.5\n1,40\n")
+    options = ("--stop", 2, "--step", 0.5)
+    note = "outside of the range that the FMU names: tank.inflow[1] = 40 (range 0 to 1)"
+    for given, noted in (
+        (("--set", "tank.inflow[1]=40"), True),
+        (("--set", "tank.inflow[1]=0.4"), False),
+        (("--inputs", tmp_path / "in.csv"), True),
+    ):
+        done = command("run", file, *options, *given)
+        assert done.exit_code == 0, done.output
+        assert (note in " ".join(done.output.split())) == noted
 
 
 def test_options_that_are_refused() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -50,3 +51,35 @@ def test_units_with_an_offset(unit: str, tag: float, kelvin_above_zero: float) -
 def test_what_does_not_convert(mini_fmus: Minis, variable: str, unit: str, words: str) -> None:
     with pytest.raises(FmuError, match=words):
         conversion(summarise(mini_fmus["fmi2"]), variable, unit)
+
+
+def altered(fmu: Path, folder: Path, old: bytes, new: bytes) -> Path:
+    """The FMU with another text in its description."""
+    file = folder / fmu.name
+    with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(file, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            target.writestr(
+                name, content.replace(old, new) if name == "modelDescription.xml" else content
+            )
+    return file
+
+
+@pytest.mark.parametrize(("unit", "tag"), [("K", 10.0), ("degF", 18.0)])
+def test_a_difference_converts_without_the_zero_point(
+    tmp_path: Path, unit: str, tag: float
+) -> None:
+    file = altered(
+        fmu_path("heat"), tmp_path, b'unit="degC"', b'unit="degC" relativeQuantity="true"'
+    )
+    change = conversion(summarise(file), "pv", unit)
+    assert change.to_variable(tag) == pytest.approx(10.0)
+    assert change.to_tag(10.0) == pytest.approx(tag)
+
+
+def test_a_display_unit_by_division_is_no_factor(mini_fmus: Minis, tmp_path: Path) -> None:
+    file = altered(
+        mini_fmus["fmi2"], tmp_path, b'name="mm" factor', b'name="per_m" inverse="true" factor'
+    )
+    with pytest.raises(FmuError, match=r"unit 'per_m' of tank\.h is not known"):
+        conversion(summarise(file), "tank.h", "per_m")

@@ -44,6 +44,17 @@ _VARIABLES = """
 """
 
 
+_CLOCKED = """
+<Clock name="beat" valueReference="20" causality="input" intervalVariability="constant"
+ intervalDecimal="0.5" shiftDecimal="0.25"/>
+<Float64 name="held" valueReference="21" causality="output" variability="discrete"/>
+<Clock name="alarm" valueReference="22" causality="input" intervalVariability="countdown"/>
+<Int32 name="alarms" valueReference="23" causality="output" variability="discrete"/>
+<Int32 name="beats" valueReference="24" causality="output" variability="discrete"/>
+<Clock name="bell" valueReference="25" causality="input" intervalVariability="triggered"/>
+"""
+
+
 def _description(events: bool, experiment: str) -> str:
     capabilities = 'canGetAndSetFMUState="true" canSerializeFMUState="true"'
     more = 'hasEventMode="true" mightReturnEarlyFromDoStep="true"' if events else ""
@@ -84,6 +95,18 @@ def make(folder: Path) -> dict[str, Path]:
         with zipfile.ZipFile(made[key], "w") as archive:
             archive.writestr("modelDescription.xml", _description(events, experiment))
             archive.write(library, f"binaries/{fmpy.platform_tuple}/odd3{suffix}")
+    for key, source in (("clocked", "events"), ("clocked-fixed", "events")):
+        made[key] = folder / f"{key}.fmu"
+        with zipfile.ZipFile(made[source]) as old, zipfile.ZipFile(made[key], "w") as new:
+            for name in old.namelist():
+                content = old.read(name)
+                if name == "modelDescription.xml":
+                    content = content.replace(
+                        b"</ModelVariables>", _CLOCKED.encode() + b"</ModelVariables>"
+                    )
+                    if key == "clocked-fixed":
+                        content = content.replace(b'StepSize="true"', b'StepSize="false"')
+                new.writestr(name, content)
     made["fixed"] = folder / "fixed.fmu"
     with zipfile.ZipFile(made["plain"]) as source, zipfile.ZipFile(made["fixed"], "w") as copy:
         for name in source.namelist():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import fmpy
@@ -12,7 +13,14 @@ import pytest
 from typer.testing import CliRunner
 
 from fieldlink.cli.fmu import app
-from fmu_models import PlantEndedError, PlantInputError, PlantNameError, open_plant, summarise
+from fmu_models import (
+    PlantEndedError,
+    PlantError,
+    PlantInputError,
+    PlantNameError,
+    open_plant,
+    summarise,
+)
 
 Odd = dict[str, Path]
 
@@ -173,3 +181,15 @@ def test_the_outputs_between_the_steps_go_into_a_file(odd: Odd, tmp_path: Path) 
     assert table["time"].is_monotonic_increasing
     np.testing.assert_allclose(table["x"][0], 0.5, rtol=1e-12)
     assert set(table["time"]) >= {1.0, 2.0, 3.0}
+
+
+@pytest.mark.parametrize("step", ["-1", "0", "NaN", "1,0"])
+def test_a_step_that_is_none_is_not_named(odd: Odd, tmp_path: Path, step: str) -> None:
+    file = tmp_path / "step.fmu"
+    with zipfile.ZipFile(odd["plain"]) as old, zipfile.ZipFile(file, "w") as new:
+        for name in old.namelist():
+            content = old.read(name)
+            new.writestr(name, content.replace(b'stepSize="0.25"', f'stepSize="{step}"'.encode()))
+    assert summarise(file).step_size is None
+    with pytest.raises(PlantError, match="names no step size; give the period"):
+        open_plant(file)

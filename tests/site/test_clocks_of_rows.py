@@ -5,9 +5,12 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from fieldlink.site import read_recording
+from fieldlink.site.missing_rows import fill_missing_rows
 from fieldlink.site.recording import RecordingError
 
 N = 240
@@ -56,3 +59,53 @@ def test_signals_with_times_of_their_own_are_refused(heading: str, tmp_path: Pat
     rows = [f"{stamp(10 * k)},{k},{stamp(10 * k + 3)},{-k}" for k in range(N)]
     with pytest.raises(RecordingError, match="export all signals at the same moments"):
         read_recording(write(tmp_path, rows, f"{heading},FC1.OP,{heading},FC1.PV"))
+
+
+@pytest.mark.parametrize("missing", [0, 4])
+@pytest.mark.parametrize("period", [0.5, 0.7, 1.2, 1.5, 1.7, 2.5, 3.3, 7.3])
+def test_stamps_of_whole_seconds_of_samples_between_them(
+    period: float, missing: int, tmp_path: Path
+) -> None:
+    rows = [f"{stamp(period * k)},{k},{-k}" for k in range(N)]
+    recording = fill_missing_rows(
+        read_recording(write(tmp_path, rows[:100] + rows[100 + missing :]))
+    )
+    # Over a gap the samples are counted to a count of the clock.
+    late = 0 if period > 1.0 or not missing else 2
+    assert recording.period == pytest.approx(period, rel=1e-2 if late else 1e-3)
+    assert len(recording) == pytest.approx(N, abs=late)
+    assert int(np.isnan(recording.op).sum()) == pytest.approx(missing, abs=late)
+    assert any("the clock counts in steps of 1 s" in note for note in recording.notes)
+
+
+def test_rows_that_are_missing_by_chance_are_no_coarse_clock(tmp_path: Path) -> None:
+    kept = np.random.default_rng(2).random(N) < 0.85
+    kept[[0, N - 1]] = True
+    rows = [f"{stamp(k)},{k},{-k}" for k in range(N) if kept[k]]
+    recording = fill_missing_rows(read_recording(write(tmp_path, rows)))
+    assert recording.period == 1.0
+    assert len(recording) == N
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_every_row_several_times_is_a_row(times: int, tmp_path: Path) -> None:
+    rows = [f"{stamp(10 * k)},{k},{-k}" for k in range(N) for _ in range(times)]
+    recording = read_recording(write(tmp_path, rows))
+    assert recording.op.tolist() == list(range(N))
+    assert recording.period == 10.0
+
+
+def test_days_kept_as_moments_stand_beside_their_times(tmp_path: Path) -> None:
+    moments = [START.replace(tzinfo=None) + timedelta(seconds=600 * k) for k in range(N)]
+    table = pd.DataFrame(
+        {
+            "Date": [m.date() for m in moments],
+            "Time": [m.time() for m in moments],
+            "op": range(N),
+            "pv": range(N),
+        }
+    )
+    table.to_excel(tmp_path / "loop.xlsx", index=False)
+    recording = read_recording(tmp_path / "loop.xlsx")
+    assert recording.start == START.timestamp()
+    assert recording.period == 600.0

@@ -84,7 +84,7 @@ def test_rows_of_changes_only_stand_where_their_time_says(tmp_path: Path, seed: 
 def test_stamps_in_whole_seconds_are_no_missing_rows(tmp_path: Path) -> None:
     """A row each 1.5 s with stamps cut off: intervals of one and two seconds in turn."""
     recorded = _recorded(tmp_path, np.floor(1.5 * np.arange(121)))
-    assert recorded.period == 1.5
+    assert recorded.period == pytest.approx(1.5)
     assert len(fill_missing_rows(recorded)) == 121
 
 

@@ -356,3 +356,9 @@ def test_in_an_export_of_the_historian_0_is_good(tmp_path: Path) -> None:
     assert found.sp is None
     assert found.auto is None
     assert any("1 rows are not good" in note for note in found.notes)
+
+
+def test_exponents_of_fortran_are_no_unit(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(lines("Time,op,pv", lambda k: plain(k, f"{PV[k]:.8E}".replace("E", "D"))))
+    check(read_recording(path))

@@ -33,6 +33,7 @@ from fieldlink.site.numbered_times import (
     is_plausible,
 )
 from fieldlink.site.recording import PERIODS_DIFFER
+from fieldlink.site.timestamps import typical_interval
 
 __all__ = ["parquet_pieces", "parquet_windows"]
 
@@ -308,7 +309,7 @@ def _series(table: Any, columns: _Columns, period: float | None, unit: float) ->
     # Files that overlap hold a moment twice: the last one counts.
     order = order[np.append(np.diff(time[order]) > 0.0, np.ones(min(1, order.size), dtype=bool))]
     time = time[order]
-    own = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    own = typical_interval(time, np.arange(time.size)) if time.size > 1 else 0.0
     step = period or own
     if not step > 0.0:
         raise ReadingError("its times do not increase; check the time column, or give --period")

@@ -18,6 +18,7 @@ from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.readers.base import PERIOD_ROWS
 from fieldlink.assess.readers.sql_description import LOOP, SqlTable
 from fieldlink.assess.series import Series, without_repeats
+from fieldlink.site.timestamps import typical_interval
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -61,8 +62,10 @@ class _Loop:
         query = self._of(name, select(table.time)).order_by(table.time).limit(PERIOD_ROWS)
         stamps = np.array([table.moment(row[0]) for row in table.rows(query)])
         given = period or table.description.period
-        steps = np.diff(np.unique(stamps))
-        self.period = given or (round(float(np.median(steps)), 6) if steps.size else 1.0)
+        stamps = np.unique(stamps)
+        several = stamps.size > 1
+        own = typical_interval(stamps, np.arange(stamps.size)) if several else 1.0
+        self.period = given or round(own, 6)
 
     def has_good_rows(self) -> bool:
         """Whether any row has a good quality; true without a column of quality."""

@@ -161,6 +161,8 @@ def _numbers(
         elif not math.isfinite(values[row]) or (found.unit and cell.endswith(found.unit)):
             shown = repr(cell) if cell else "an empty cell"
             hint = f" and none of {', '.join(words)}" if words else ""
+            if name == "time":
+                hint = "; give seconds of the run, such as 0 and 10"
             raise FmuError(
                 f"{file}: row {row + 2}, column {name!r}: {shown} is not a finite number{hint}"
             )

@@ -138,6 +138,7 @@ class _Run:
             )
         driven = self._driven(moments)
         self._note_unused_inputs(start)
+        self._note_outside(driven)
         table = RunTable(start, plant.outputs(), steps.count)
         rows = RowWriter(self.settings, self.signals, driven, table)
         save_row = self._save_row(start, steps.count)
@@ -156,6 +157,19 @@ class _Run:
         except KeyboardInterrupt:
             self.failure = "it was interrupted"
         return self._pack(plant.info.name, driven, table, rows)
+
+    def _note_outside(self, driven: Mapping[str, Array]) -> None:
+        """Name values outside of their ranges: most of them are in another unit."""
+        starts = {n: np.array([v]) for n, v in self.given.items() if not isinstance(v, str)}
+        controller = self.mapping.controller
+        # What the controller will write is not known yet.
+        own = controller.op if controller is not None else None
+        given = {tag: values for tag, values in driven.items() if tag != own}
+        outside = self.signals.list_outside(starts | self.signals.to_variables(given))
+        if outside:
+            self.notes.append(
+                f"outside of the range that the FMU names: {', '.join(outside)}; is the unit right?"
+            )
 
     def _note_unused_inputs(self, start: float) -> None:
         """Say where the recorded inputs begin after the run or go on behind it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -31,6 +32,15 @@ def words_of(variable: VariableSummary | None) -> dict[str, float]:
         return {}
     words = {item: float(value) for value, item in variable.items}
     return {"true": 1.0, "false": 0.0} if variable.type == "Boolean" else words
+
+
+def _limit(text: str, default: float) -> float:
+    """A limit of a description; the default where it names none, or no number."""
+    try:
+        value = float(text)
+    except ValueError:
+        return default
+    return default if math.isnan(value) else value
 
 
 class Signals:
@@ -116,6 +126,24 @@ class Signals:
             if whole and (np.abs(columns[tag]) >= _LARGEST_WHOLE).any():
                 large.append(tag)
         return large
+
+    def list_outside(self, values: Mapping[str, Array]) -> list[str]:
+        """Return the variables that are given a value outside of the range that the FMU names.
+
+        Args:
+            values: by variable, in its unit.
+        """
+        outside = []
+        for name, given in values.items():
+            variable = self._fmu.variable(name)
+            if variable is None or not given.size:
+                continue
+            low, high = _limit(variable.low, -math.inf), _limit(variable.high, math.inf)
+            least, most = float(given.min()), float(given.max())
+            if least < low or most > high:
+                worst = most if most > high else least
+                outside.append(f"{name} = {worst:g} (range {low:g} to {high:g})")
+        return outside
 
     def undriven(self, driven: set[str], start_values: Mapping[str, StartValue]) -> list[str]:
         """Return the inputs that keep their start values.

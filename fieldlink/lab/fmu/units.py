@@ -109,7 +109,9 @@ def conversion(fmu: FmuSummary, variable: str, unit: str | None) -> Conversion:
             f"{fmu.file.name}: {variable} is in {found.unit!r}, which is another quantity than "
             f"{unit!r}; correct the unit in the map"
         )
-    return Conversion(factor / own_factor, (offset - own_offset) / own_factor)
+    # A difference has no zero point: 10 K more are 10 degC more.
+    shift = 0.0 if found.relative else offset - own_offset
+    return Conversion(factor / own_factor, shift / own_factor)
 
 
 def _units(fmu: FmuSummary) -> dict[str, _Unit]:

@@ -12,14 +12,15 @@
 
 #pragma GCC visibility push(default)
 
-enum { T, TIME, N, U, Y, M, FLAG, MODE, X, COUNT, BLOB, TICKS, GAIN, STOP_AT, DER_X, LOW, PAUSE, NAMES };
+enum { T, TIME, N, U, Y, M, FLAG, MODE, X, COUNT, BLOB, TICKS, GAIN, STOP_AT, DER_X, LOW, PAUSE, NAMES, BEAT = 20, HELD, ALARM, ALARMS };
 enum { MOST = 16 };
 
 typedef struct {
     double time, x, gain, stop_at, next, u[MOST];
     uint64_t n;
     int64_t mode;
-    int32_t count, low, flag, pause;
+    int32_t count, low, flag, pause, beats, alarms, wants_alarm;
+    double held;
 } memory;
 
 typedef struct {
@@ -115,6 +116,7 @@ static fmi3Status get_real(memory *m, unsigned vr, double **v) {
     case T:
     case TIME: *(*v)++ = m->time; return fmi3OK;
     case X: *(*v)++ = m->x; return fmi3OK;
+    case HELD: *(*v)++ = m->held; return fmi3OK;
     case GAIN: *(*v)++ = m->gain; return fmi3OK;
     case STOP_AT: *(*v)++ = m->stop_at; return fmi3OK;
     case DER_X: *(*v)++ = target(m) - m->x; return fmi3OK;
@@ -180,7 +182,38 @@ fmi3Status fmi3SetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n
 }
 ONE(UInt64, fmi3UInt64, N, n)
 ONE(Int64, fmi3Int64, MODE, mode)
-ONE(Int32, fmi3Int32, COUNT, count)
+fmi3Status fmi3GetInt32(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Int32 v[],
+                        size_t m) {
+    const memory *own = &((instance *)c)->m;
+    for (size_t i = 0; i < n; ++i)
+        v[i] = vr[i] == COUNT ? own->count : vr[i] == ALARMS ? own->alarms : own->beats;
+    return n == m ? fmi3OK : fmi3Error;
+}
+fmi3Status fmi3SetInt32(void) { return fmi3Error; }
+/* Clocks from outside: each beat holds u[2] and sets an alarm 0.2 s ahead. */
+fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                        const fmi3Clock v[]) {
+    memory *m = &((instance *)c)->m;
+    for (size_t i = 0; i < n; ++i) {
+        if (!v[i])
+            continue;
+        if (vr[i] == BEAT)
+            m->held = m->u[1], m->beats += 1, m->wants_alarm = 1;
+        else if (vr[i] == ALARM)
+            m->alarms += 1;
+        else
+            return fmi3Error;
+    }
+    return fmi3OK;
+}
+fmi3Status fmi3GetIntervalDecimal(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                                  fmi3Float64 v[], fmi3IntervalQualifier q[]) {
+    memory *m = &((instance *)c)->m;
+    if (n != 1 || vr[0] != ALARM)
+        return fmi3Error;
+    v[0] = 0.2, q[0] = m->wants_alarm ? fmi3IntervalChanged : fmi3IntervalUnchanged;
+    return m->wants_alarm = 0, fmi3OK;
+}
 fmi3Status fmi3GetBoolean(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Boolean v[],
                           size_t m) {
     for (size_t i = 0; i < n; ++i)
@@ -321,12 +354,10 @@ REFUSE(fmi3SetInt16)
 REFUSE(fmi3SetUInt16)
 REFUSE(fmi3SetUInt32)
 REFUSE(fmi3SetBinary)
-REFUSE(fmi3SetClock)
 REFUSE(fmi3GetNumberOfVariableDependencies)
 REFUSE(fmi3GetVariableDependencies)
 REFUSE(fmi3GetDirectionalDerivative)
 REFUSE(fmi3GetAdjointDerivative)
-REFUSE(fmi3GetIntervalDecimal)
 REFUSE(fmi3GetIntervalFraction)
 REFUSE(fmi3GetShiftDecimal)
 REFUSE(fmi3GetShiftFraction)
