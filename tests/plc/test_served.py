@@ -172,10 +172,9 @@ class CountingPlc:
         self.scans += 1
 
 
-async def paced(cost: Callable[[int], float], ends: float) -> ServedUnit:
+async def run_until(plc: CountingPlc, ends: float) -> ServedUnit:
     """Run a PLC with a scan every 20 ms until the clock says ``ends``."""
     stop = asyncio.Event()
-    plc = CountingPlc(cost)
     plc.clock = CostlyClock(ends, stop)
     server = PlcServer({1: plc}, clock=plc.clock)
     await server.run(stop)
@@ -183,20 +182,20 @@ async def paced(cost: Callable[[int], float], ends: float) -> ServedUnit:
 
 
 async def test_plant_time_is_the_wall_clock_s_times_speed() -> None:
-    unit = await paced(lambda _: 0.019, 3.0)
+    unit = await run_until(CountingPlc(lambda _: 0.019), 3.0)
     assert unit.plc.scans == pytest.approx(150, abs=2)
     assert unit.late == 0
 
 
 async def test_a_late_scan_is_counted_and_caught_up() -> None:
-    unit = await paced(lambda k: 0.1 if k == 50 else 0.001, 3.0)
+    unit = await run_until(CountingPlc(lambda k: 0.1 if k == 50 else 0.001), 3.0)
     assert unit.plc.scans == pytest.approx(150, abs=2)
     assert 4 <= unit.late <= 5  # the long one, and those that run after it
     assert unit.left_out == 0.0
 
 
 async def test_a_suspended_machine_does_not_catch_up() -> None:
-    unit = await paced(lambda k: 60.0 if k == 50 else 0.001, 63.0)
+    unit = await run_until(CountingPlc(lambda k: 60.0 if k == 50 else 0.001), 63.0)
     assert unit.plc.scans == pytest.approx(150, abs=3)
     assert unit.left_out == pytest.approx(60.0, abs=0.1)
 
@@ -222,20 +221,11 @@ class ReaderPacedPlc(CountingPlc):
         self.moments.append(self._at)
 
 
-async def reader_paced(reads_after: Callable[[float], float], ends: float) -> ServedUnit:
-    stop = asyncio.Event()
-    plc = ReaderPacedPlc(reads_after)
-    plc.clock = CostlyClock(ends, stop)
-    server = PlcServer({1: plc}, clock=plc.clock)
-    await server.run(stop)
-    return server.units[0]
-
-
 async def test_a_scan_paced_by_its_reader_waits_for_the_read() -> None:
-    quick = await reader_paced(lambda _: 0.01, 3.0)
+    quick = await run_until(ReaderPacedPlc(lambda _: 0.01), 3.0)
     assert quick.plc.scans == pytest.approx(150, abs=2)
     # A busy machine reads 70 ms after a scan: no scan goes unread, and nothing is caught up after.
-    busy = await reader_paced(lambda at: 0.07 if 1.0 < at < 2.0 else 0.01, 3.0)
+    busy = await run_until(ReaderPacedPlc(lambda at: 0.07 if 1.0 < at < 2.0 else 0.01), 3.0)
     between = np.diff(busy.plc.moments)
     slow = (np.array(busy.plc.moments[1:]) > 1.1) & (np.array(busy.plc.moments[1:]) < 2.0)
     assert (between[slow] >= 0.07).all()
@@ -244,9 +234,9 @@ async def test_a_scan_paced_by_its_reader_waits_for_the_read() -> None:
 
 async def test_a_reader_that_stays_away_is_waited_for_once() -> None:
     """Before the first read nobody is waited for; after the last one two seconds, once."""
-    never = await reader_paced(lambda _: 1e9, 3.0)
+    never = await run_until(ReaderPacedPlc(lambda _: 1e9), 3.0)
     assert never.plc.scans == pytest.approx(150, abs=2)
-    leaves = await reader_paced(lambda at: 0.01 if at < 1.0 else 1e9, 5.0)
+    leaves = await run_until(ReaderPacedPlc(lambda at: 0.01 if at < 1.0 else 1e9), 5.0)
     waits = np.diff(leaves.plc.moments)
     assert np.count_nonzero(waits > 0.1) == 1
     assert waits.max() == pytest.approx(2.0, abs=0.1)
