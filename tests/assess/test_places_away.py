@@ -13,6 +13,7 @@ from fieldlink.assess.places import place_of
 from fieldlink.assess.workers import watched
 from fieldlink.assess.workers.watched import WatchedWorker
 from fieldlink.store import EventRecord, Historian, SampleRecord
+from tests.seeds import in_suite
 from tests.store.test_postgresql import Server, server  # noqa: F401  (the second is a fixture)
 
 
@@ -57,7 +58,7 @@ def store_in_table(url: str, op: np.ndarray, pv: np.ndarray, folder: Path) -> Pl
     return place_of(str(folder / "x.toml"))
 
 
-@pytest.mark.parametrize("store", [store_in_historian, store_in_table])
+@pytest.mark.parametrize("store", in_suite(1, [store_in_historian, store_in_table]))
 def test_a_database_server_that_starts_again_costs_no_row(
     server: Server,  # noqa: F811
     tmp_path: Path,

@@ -114,7 +114,7 @@ def test_the_search_does_not_end_above_the_true_valve():
     assert np.sort(errors)[17] <= 0.03  # 18 of 20 windows
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_one_short_run_writes_table_and_figures(tmp_path, capsys, monkeypatch):
     pytest.importorskip("casadi", reason="CasADi is an optional dependency")
     monkeypatch.setattr(paper, "EXAMPLES", EXAMPLES[:1])

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 
 JUDGE = """
@@ -43,6 +45,7 @@ print(json.dumps([len(before), sorted(loaded() - before)]))
 """
 
 
+@pytest.mark.thorough
 def test_usual_windows_need_no_kernel_that_the_warm_up_left_out() -> None:
     command = [sys.executable, "-c", JUDGE]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
