@@ -244,11 +244,13 @@ def as_designed(gains: Array) -> Array:
     return rounded
 
 
-def answer_of(process: ProcessModel, drive: Array) -> Array:
-    """Return what a process makes of a drive (shape ``(n,)``) from rest, without its dead time."""
-    return process_answer(
-        np.array(process.b), np.array(process.a), np.ascontiguousarray(drive, dtype=np.float64)
-    )
+def answer_of(process: ProcessModel, drive: Array, late: int = 0) -> Array:
+    """Return what a process makes of a drive (shape ``(n,)``) from rest, ``late`` samples later.
+
+    Its own dead time is left out.
+    """
+    delayed = np.concatenate([np.zeros(late), drive])[: drive.size]
+    return process_answer(np.array(process.b), np.array(process.a), delayed)
 
 
 @lru_cache(maxsize=_REMEMBERED)

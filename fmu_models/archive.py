@@ -22,6 +22,7 @@ __all__ = [
     "parse_description",
     "platforms",
     "read_description",
+    "read_root",
 ]
 
 CO_SIMULATION = "co-simulation"
@@ -107,17 +108,26 @@ def _drop_unusable_numbers(experiment: Any) -> None:
             setattr(experiment, name, None)
 
 
-def _check_version(file: Path) -> None:
-    """Check the root of the description and its FMI version, which FMPy does not check."""
+def read_root(file: Path) -> Any:
+    """Return the root element of a description: for what FMPy does not read of it.
+
+    Raises:
+        PlantFileError: it cannot be read.
+    """
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     try:
         with zipfile.ZipFile(file) as archive:
-            root = etree.fromstring(archive.read("modelDescription.xml"), parser)
+            return etree.fromstring(archive.read("modelDescription.xml"), parser)
     except (zipfile.BadZipFile, etree.XMLSyntaxError, NotImplementedError, RuntimeError) as error:
         why = error.msg if isinstance(error, etree.XMLSyntaxError) else error
         raise PlantFileError(
             f"{file}: its modelDescription.xml cannot be read ({why}); export it again"
         ) from error
+
+
+def _check_version(file: Path) -> None:
+    """Check the root of the description and its FMI version, which FMPy does not check."""
+    root = read_root(file)
     version = root.get("fmiVersion")
     if root.tag != "fmiModelDescription" or version is None:
         raise PlantFileError(

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import struct
-import zipfile
 from collections.abc import Sequence
 from ctypes import c_double, c_int
 from dataclasses import dataclass
@@ -19,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from fmpy import fmi3
-from lxml import etree
 
+from .archive import read_root
 from .errors import PlantFileError
 
 __all__ = ["InputClock", "InputClocks", "read_input_clocks"]
@@ -59,9 +58,7 @@ def read_input_clocks(file: Path) -> tuple[InputClock, ...]:
     Raises:
         PlantFileError: an interval that is no positive number.
     """
-    parser = etree.XMLParser(resolve_entities=False, no_network=True)
-    with zipfile.ZipFile(file) as archive:
-        root = etree.fromstring(archive.read("modelDescription.xml"), parser)
+    root = read_root(file)
     types = {t.get("name"): t for t in root.iter("ClockType")}
     clocks = []
     for own in root.iter("Clock"):

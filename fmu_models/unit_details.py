@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from lxml import etree
+from .archive import read_root
 
 __all__ = ["UnitDetails", "read_unit_details"]
 
@@ -33,9 +32,7 @@ def read_unit_details(file: Path) -> UnitDetails:
     Args:
         file: an FMU whose description can be read.
     """
-    parser = etree.XMLParser(resolve_entities=False, no_network=True)
-    with zipfile.ZipFile(file) as archive:
-        root = etree.fromstring(archive.read("modelDescription.xml"), parser)
+    root = read_root(file)
     relative = {}
     for element in root.iterfind("ModelVariables//*[@relativeQuantity]"):
         # FMI 1 and 2 have the type's attributes in an element of their own.

@@ -63,10 +63,7 @@ def explained_by_load(
 
 def _answer(drive: Array, prediction: Prediction) -> Array:
     """Return what the process makes of a drive, from rest."""
-    p = prediction.process
-    late = prediction.dead_time
-    delayed = np.concatenate([np.zeros(late), drive])[: drive.size]
-    return answer_of(p, delayed)
+    return answer_of(prediction.process, drive, prediction.dead_time)
 
 
 def _misfit(rest: Array, step: Array) -> float:

@@ -163,9 +163,7 @@ def answer_correlation(
     if np.count_nonzero(np.diff(stem)) < slips:
         return 0.0
     p = model.process.as_controlled()
-    late = p.dead_time - 1
-    drive = np.concatenate([np.zeros(late), stem - stem[0]])[: stem.size]
-    answer = answer_of(p, drive)
+    answer = answer_of(p, stem - stem[0], p.dead_time - 1)
     prediction = Prediction.of(p, "input")
     window = 3 * (20 + prediction.dead_time)
     if not p.is_integrating:
