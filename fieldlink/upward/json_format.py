@@ -15,7 +15,7 @@ from fieldlink.site import Site
 from fieldlink.upward.commands import CommandDesk
 from fieldlink.upward.formats import Health
 from fieldlink.upward.messages import Message
-from fieldlink.upward.packets import Incoming, Outgoing
+from fieldlink.upward.packets import LONGEST_TOPIC, Incoming, Outgoing
 from fieldlink.upward.topics import JsonTopics
 
 __all__ = ["JsonFormat"]
@@ -119,13 +119,16 @@ class JsonFormat:
             topic=incoming.topic,
             refusal=incoming.refusal,
         )
+        topic = f"{incoming.topic}/result"
+        if len(topic.encode()) > LONGEST_TOPIC:
+            return []
         document = {
             "time": _time_text(None),
             "accepted": answer.accepted,
             "message": answer.message,
             "request": _repeatable(request.get("request")),
         }
-        return [_packet(f"{incoming.topic}/result", document)]
+        return [_packet(topic, document)]
 
     def farewell(self) -> Sequence[Outgoing]:
         """Return ``online: false``."""

@@ -242,6 +242,8 @@ class EdgeNode:
         return self._aliases.get((owner, MESSAGE_ID))
 
     def _outgoing(self, verb: str, loop: str | None, metrics: Iterable[Metric]) -> Outgoing:
-        self._seq = (self._seq + 1) % SEQUENCE
-        payload = Payload(tuple(metrics), _now(), self._seq)
-        return Outgoing(self.topic(verb, loop), encode(payload), qos=0)
+        seq = (self._seq + 1) % SEQUENCE
+        data = encode(Payload(tuple(metrics), _now(), seq))
+        # not before: what cannot be encoded is not sent, and must leave no gap
+        self._seq = seq
+        return Outgoing(self.topic(verb, loop), data, qos=0)
