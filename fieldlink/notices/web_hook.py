@@ -77,7 +77,7 @@ class WebHookReceiver:
         shown = f"[{host}]" if ":" in host else host
         self.where = f"{parts.scheme}://{shown}" + ("" if port is None else f":{port}")
 
-    async def send(self, notice: Notice) -> None:
+    async def send(self, notice: Notice) -> str:
         """Post a notice; see `Receiver.send`."""
         httpx = self._httpx
         headers = {"User-Agent": "fieldlink"}
@@ -104,6 +104,7 @@ class WebHookReceiver:
             raise NoticeError(
                 f"{self.where} answered with HTTP status {status}; check address and token"
             )
+        return ""
 
 
 def _cause(error: Exception) -> str:
