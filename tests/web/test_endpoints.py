@@ -151,9 +151,15 @@ async def test_a_foreign_name_for_this_machine_gets_no_figures(
                 answer = await client.get(f"http://127.0.0.1:{port}/{name}", headers=foreign)
                 assert answer.status_code == status
                 assert "fieldlink_" not in answer.text
-            near = {"Host": f"localhost:{port}"}
-            answer = await client.get(f"http://127.0.0.1:{port}/metrics", headers=near)
-            assert answer.status_code == 200
+            for host in ("attacker.example:", "attacker.example:99999", "127.0.0.1@x", "[::1"):
+                answer = await client.get(
+                    f"http://127.0.0.1:{port}/metrics", headers={"Host": host}
+                )
+                assert answer.status_code == 421
+            for host in (f"localhost:{port}", "LOCALHOST", f"[::1]:{port}", "127.0.0.2"):
+                near = {"Host": host}
+                answer = await client.get(f"http://127.0.0.1:{port}/metrics", headers=near)
+                assert answer.status_code == 200
         site = with_web(live.site_for(tmp_path, {"plc": 9}), f'token_file = "{token_file.name}"\n')
         async with web_server(site, Daemon(site)) as port:
             url = f"http://127.0.0.1:{port}/metrics"

@@ -181,6 +181,19 @@ async def test_only_what_changed_is_sent_again(client: httpx.AsyncClient) -> Non
     assert set(again["rows"]) <= {"LIC-0001", "LIC-0006"}
 
 
+async def test_a_page_that_was_open_over_a_restart_gets_every_row(store: str) -> None:
+    revision = 0.0
+    for _ in range(2):
+        async with (
+            store_server(store, None, "127.0.0.1", 0) as address,
+            httpx.AsyncClient(base_url=address, timeout=60.0) as client,
+        ):
+            for known in (revision, revision + 1e6):
+                found = (await client.get(f"/fragments/fleet?revision={known}")).json()
+                assert len(found["rows"]) == len(found["order"]) == 10
+            revision = found["revision"] + 50
+
+
 async def test_no_answer_lets_a_foreign_origin_in(client: httpx.AsyncClient) -> None:
     for path in PAGES:
         answer = await client.get(path)
@@ -261,7 +274,11 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
             done = await client.post(path, json=asked, headers=right)
             assert done.json()["action"] == "hold"
             assert daemon.status().loops["PLC"].hold == "A. Meyer: leak"
+            odd = rb'{"action": "annotate", "who": "A", "why": "half \ud800, \u0000 \u001b[31m"}'
+            assert (await client.post(path, content=odd, headers=right)).status_code == 200
     events = read_events(site.historian_url)
+    noted = events[events["kind"] == "operator.annotate"]["message"].tolist()
+    assert noted == ["A: half ?, ? ?[31m"]
     assert events[events["kind"] == "operator.hold"]["source"].tolist() == ["PLC"]
 
 
