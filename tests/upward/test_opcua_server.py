@@ -256,7 +256,7 @@ async def test_a_loop_that_leaves_the_site_ends_its_values_and_may_come_back() -
             said.put_nowait((value, data.monitored_item.Value.StatusCode.name))
 
     async with served() as server:
-        await server.show({name: LOOP for name in ("A", "B", "C", "D")})
+        await server.show(dict.fromkeys(("A", "B", "C", "D"), LOOP))
         async with Client(server.address, timeout=60.0) as client:
             subscription = await client.create_subscription(50, Handler())
             await subscription.subscribe_data_change(
