@@ -132,6 +132,12 @@ class EdgeNode:
         for loop in self._answering(health):
             yield self._loop_birth(loop)
 
+    def bury(self) -> Iterator[Outgoing]:
+        """Yield the DDEATHs of loops that the site does not have any more."""
+        for loop in sorted(self._born.difference(self._board)):
+            self._born.discard(loop)
+            yield self._outgoing("DDEATH", loop, ())
+
     def data(self, message: Message) -> Iterator[Outgoing]:
         """Yield what a message changes; nothing when it changes nothing."""
         historical = message.id <= self._historical_until
