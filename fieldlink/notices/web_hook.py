@@ -60,10 +60,11 @@ class WebHookReceiver:
             raise NoticeError(
                 f"{site_file}: notify.web_hook: not a web address; write https://HOST/PATH"
             )
-        if token is not None and parts.scheme == "http" and not is_loopback(host):
+        has_secret = token is not None or parts.password is not None
+        if has_secret and parts.scheme == "http" and not is_loopback(host):
             raise NoticeError(
-                f"{site_file}: notify.web_hook: the token would cross the network unencrypted; "
-                "use an https address"
+                f"{site_file}: notify.web_hook: the token or password would cross the network "
+                "unencrypted; use an https address"
             )
         if token is not None and not (token.reveal().isascii() and token.reveal().isprintable()):
             raise NoticeError(

@@ -142,12 +142,14 @@ class Publishing:
     async def running(self) -> AsyncIterator[list[asyncio.Task[None]]]:
         """Spool and deliver while the block runs; yields tasks that must not end by themselves.
 
-        Raises:
-            UpwardError: the spool cannot be opened.
+        A spool that cannot be opened is tried again: the plant's samples matter more.
         """
         thread = SpoolThread(self._spool)
         try:
-            await thread.call(lambda spool: spool.open())
+            try:
+                await thread.call(lambda spool: spool.open())
+            except UpwardError as error:
+                self._note_failing(error)
             self._tell_formats()
             self._deliveries = [
                 Delivery(
@@ -221,14 +223,7 @@ class Publishing:
             if self._failing:
                 self._failing = False
                 self._tell("mqtt.spool_written", "mqtt", "the spool is written again")
-            if self._stream != self._spool.stream:
-                self._tell_formats()
-                self._tell(
-                    "mqtt.spool_replaced",
-                    "mqtt",
-                    "the spool was damaged and is set aside; what waited in it is not delivered",
-                    bad=True,
-                )
+            self._note_stream()
             self._spooled += count
             self._note_spooled(batch, last - count + 1)
         return True
@@ -244,10 +239,25 @@ class Publishing:
             self._retained = self._retained or topics
             self._note_failing(error)
             return False
+        self._note_stream()
         if left:
             for delivery in self._deliveries:
                 delivery.wake()
         return True
+
+    def _note_stream(self) -> None:
+        """Take over another file's numbering; tell where it took the place of a damaged one."""
+        before = self._stream
+        if before == self._spool.stream:
+            return
+        self._tell_formats()
+        if before:
+            self._tell(
+                "mqtt.spool_replaced",
+                "mqtt",
+                "the spool was damaged and is set aside; what waited in it is not delivered",
+                bad=True,
+            )
 
     def _note_failing(self, error: Exception) -> None:
         if not self._failing:

@@ -50,7 +50,10 @@ def site_of(folder: Path, notify: str) -> Site:
     (folder / "map.csv").write_text(
         "tag,table,address,type\nOP,holding,0,float32\nPV,holding,2,float32\n"
     )
-    (folder / "site.toml").write_text(SITE + notify)
+    site = SITE
+    if notify.startswith("page = "):
+        site = site.replace('page = "https://edge.example:9480/"\n', "")
+    (folder / "site.toml").write_text(site + notify)
     return load_site(folder / "site.toml")
 
 
@@ -456,7 +459,15 @@ def test_the_command_tries_every_receiver(mails: tuple[Mails, MailServer], tmp_p
         ('[notify.web_hook]\nurl = "mailto:x"\n', "url is not a web address"),
         (
             '[notify.web_hook]\nurl = "http://far.example/x"\ntoken_variable = "T"\n',
-            "the token would cross the network unencrypted",
+            "the token or password would cross the network unencrypted",
+        ),
+        (
+            '[notify.web_hook]\nurl = "http://me:word@far.example/x"\n',
+            "the token or password would cross the network unencrypted",
+        ),
+        (
+            'page = "https://edge.example/pages?a=b"\n' + hook_table(80),
+            "links begin with it",
         ),
         (mail_table(25, 'security = "none"\n').replace("a@", "a "), "is not a mail address"),
         (mail_table(25).replace("a@", "ä@"), "is not a mail address; write NAME@HOST in ASCII"),
