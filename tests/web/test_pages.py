@@ -11,6 +11,7 @@ from typing import Any
 
 import httpx
 import pytest
+import structlog
 
 from benchmarks.web_store import fill_store
 from fieldlink.daemon import Daemon
@@ -239,7 +240,11 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
             # Without the token a person is led to the login and a program is refused.
             assert (await client.get("/")).headers["location"] == "/login"
             assert (await client.get("/api/loops")).status_code == 401
-            assert (await client.post("/login", data={"token": "wrong"})).status_code == 401
+            with structlog.testing.capture_logs() as logs:
+                for _ in range(3):
+                    wrong = await client.post("/login", data={"token": "wrong"})
+                    assert wrong.status_code == 401
+            assert [line["event"] for line in logs].count("web.login_refused") == 1
             entered = await client.post("/login", data={"token": TOKEN})
             cookie = entered.headers["set-cookie"].lower()
             assert "httponly" in cookie
@@ -252,7 +257,7 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
             assert daemon.status().loops["PLC"].hold == ""
             right = {"Authorization": f"Bearer {TOKEN}"}
             assert (await client.get(path, headers=right)).status_code == 404
-            for wrong, message in (
+            for body, message in (
                 ({**asked, "action": "enable"}, "there is no action 'enable'"),
                 ({**asked, "who": ""}, "who is empty"),
                 ({**asked, "who": 5, "why": None}, "who is not a text"),
@@ -262,7 +267,7 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
                 ({**asked, "who": "x" * 81}, "at most 80"),
                 ([], "JSON object"),
             ):
-                refused = await client.post(path, json=wrong, headers=right)
+                refused = await client.post(path, json=body, headers=right)
                 assert refused.status_code == 400
                 assert message in refused.json()["error"]
             for content in (b"{", b"[" * 8000):
