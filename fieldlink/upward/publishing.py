@@ -262,7 +262,8 @@ class Publishing:
     def _note_failing(self, error: Exception) -> None:
         if not self._failing:
             self._failing = True
-            self._tell("mqtt.spool_failing", "mqtt", f"{error}; check the disk", bad=True)
+            said = str(error) if isinstance(error, FieldlinkError) else f"{error}; check the disk"
+            self._tell("mqtt.spool_failing", "mqtt", said, bad=True)
 
     def _note_spooled(self, batch: list[Message], first: int) -> None:
         for number, message in enumerate(batch, first):
