@@ -69,7 +69,12 @@ def _problem(source: TomlSource, root: type[BaseModel], detail: ErrorDetails) ->
     shown = quoted(value)
     if isinstance(value, dict | list):
         shown = "a table" if isinstance(value, dict) else "an array"
+    if kind in ("tuple_type", "list_type"):
+        inner = "put an array of its own for each, such as [[0, 99]]"
+        remedy = inner if isinstance(key[-1], int) else f"write [{shown}]"
+        return source.problem(key, f"{shown} is no array", f"{remedy}{_meaning(field)}")
     message = f"{shown}: {detail['msg'].replace('Input should', 'should')}"
+    message = message.replace("be an object", "be a table")
     return source.problem(key, message, f"correct it{_meaning(field)}")
 
 
