@@ -23,6 +23,10 @@ WAVE = np.sin(np.arange(N) / 8.0)
     [
         (WAVE, WAVE[:-1], {}, "op has 300 samples and pv has 299"),
         (["a"] * N, WAVE, {}, "op is not numeric"),
+        (pd.Series([pd.NA, *WAVE[1:]], dtype=object), WAVE, {}, "pandas.to_numeric(op, "),
+        (pd.date_range("2026", periods=N), WAVE, {}, "op holds times"),
+        (WAVE, WAVE.copy(), {}, "op and pv are the same samples"),
+        (WAVE, WAVE, {"period": np.timedelta64(1, "s")}, "give the seconds between samples"),
         (WAVE.reshape(2, -1), WAVE, {}, "shape (2, 150)"),
         (WAVE, np.full(N, np.nan), {}, "pv has no finite sample"),
         ([], [], {}, "a window of 0 samples is too short"),
