@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.file_at import is_pipe_or_device
+from fieldlink.site.bad_numbers import drop_bad_numbers
 from fieldlink.site.binary_tables import MIN_ROWS
 from fieldlink.site.column_names import loops_side_by_side
 from fieldlink.site.csv_file import CsvFile, CsvRow
@@ -283,6 +284,7 @@ def _recording_of(
     if period is not None and not 0 < period < np.inf:
         columns.report("", f"a period of {period} s is impossible", "give seconds above 0")
     columns.drop_bad_quality(numbers, found)
+    columns.notes.extend(drop_bad_numbers(numbers))
     sampling = None
     if not columns.problems and len(file.rows) < MIN_ROWS:
         columns.report(
