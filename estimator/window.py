@@ -139,7 +139,7 @@ def signal_of(name: str, values: ArrayLike) -> Array:
     """
     if np.iscomplexobj(values):
         raise EstimatorError(f"{name} is complex: give real numbers")
-    if getattr(getattr(values, "dtype", None), "kind", "") in ("m", "M"):
+    if _kind_of(values) in ("m", "M"):
         raise EstimatorError(f"{name} holds times: give the samples' numbers")
     try:
         if isinstance(values, np.ma.MaskedArray):
@@ -201,12 +201,9 @@ def period_of(period: float | None, *signals: ArrayLike | None) -> float:
     Raises:
         EstimatorError: not a number above zero, times in uneven steps, or times that contradict it.
     """
-    # numpy counts a timedelta64 among its integers
-    if period is not None and not (
-        isinstance(period, (int, float, np.number))
-        and not isinstance(period, np.timedelta64)
-        and 0.0 < period < math.inf
-    ):
+    # numpy counts a timedelta64 among its integers, and compares it with no number
+    is_number = isinstance(period, (int, float, np.number)) and _kind_of(period) != "m"
+    if period is not None and not (is_number and 0.0 < period < math.inf):
         raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
     times = next((found for one in signals if (found := _times_of(one)) is not None), None)
     if times is None or times.size < 2:
@@ -228,8 +225,13 @@ def _index_of(values: ArrayLike | None) -> Any:
     return None if index is None or callable(index) else index
 
 
+def _kind_of(values: Any) -> str:
+    """The letter of numpy's kind of numbers; empty for what has none, such as a list."""
+    return str(getattr(getattr(values, "dtype", None), "kind", ""))
+
+
 def _labels_of(index: Any) -> NDArray[Any]:
-    if getattr(getattr(index, "dtype", None), "kind", "") == "M":
+    if _kind_of(index) == "M":
         # with a time zone numpy would make objects of them
         return np.asarray(index.to_numpy(dtype="datetime64[ns]"))
     return np.asarray(index)
