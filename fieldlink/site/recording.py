@@ -338,7 +338,9 @@ def _notes(
 ) -> tuple[str, ...]:
     notes = []
     if np.nanmin(op) >= 0.0 and np.nanmax(op) <= 1.0:
-        notes.append("op lies between 0 and 1: S and J are fractions of its range, not percent")
+        notes.append(
+            "op lies between 0 and 1: in its units S and J are shares of its range, not percent"
+        )
     if period is None and sampling is None:
         notes.append("no time column and no period given: a row is taken for a second")
     if (
