@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from fieldlink.one_window import LONGEST_WINDOW
 from fieldlink.registers import DataType, Tag
 from fieldlink.site.checked_site import Site
 from fieldlink.site.folded_warnings import Warned
@@ -37,6 +38,13 @@ def find_reach_warnings(site: Site, name: str, loop: Loop) -> Iterator[Warned]:
             f"period = {loop.period:g} is in seconds: a window takes "
             f"{loop.window * loop.period / 86400:.1f} days; if milliseconds are meant, divide by "
             "1000",
+        )
+    if loop.window > LONGEST_WINDOW:
+        yield Warned(
+            "loop",
+            name,
+            f"window = {loop.window} samples: above {LONGEST_WINDOW} one may need more memory or "
+            "time than [estimation] gives, and is never judged then; take a shorter one",
         )
     for role in ("op", "pv"):
         tag = site.tag(name, role)
