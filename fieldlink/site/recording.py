@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.file_at import is_pipe_or_device
+from fieldlink.site.bad_numbers import drop_bad_numbers
 from fieldlink.site.binary_tables import MIN_ROWS
 from fieldlink.site.column_names import loops_side_by_side
 from fieldlink.site.csv_file import CsvFile, CsvRow
@@ -283,6 +284,7 @@ def _recording_of(
     if period is not None and not 0 < period < np.inf:
         columns.report("", f"a period of {period} s is impossible", "give seconds above 0")
     columns.drop_bad_quality(numbers, found)
+    columns.notes.extend(drop_bad_numbers(numbers))
     sampling = None
     if not columns.problems and len(file.rows) < MIN_ROWS:
         columns.report(
@@ -336,7 +338,9 @@ def _notes(
 ) -> tuple[str, ...]:
     notes = []
     if np.nanmin(op) >= 0.0 and np.nanmax(op) <= 1.0:
-        notes.append("op lies between 0 and 1: S and J are fractions of its range, not percent")
+        notes.append(
+            "op lies between 0 and 1: in its units S and J are shares of its range, not percent"
+        )
     if period is None and sampling is None:
         notes.append("no time column and no period given: a row is taken for a second")
     if (

@@ -160,7 +160,7 @@ def _unusable(name: str, problem: str, settings: WorkListSettings) -> ReportedLo
     cause = Cause(Wrong.UNREADABLE, ("the recording cannot be used",))
     finding = Finding((cause,), (problem,), is_sure=False)
     row = WorkRow(tag=name, device="", finding=finding, limit=settings.stick_band_limit)
-    return ReportedLoop(row, None, None, None, settings.op_span)
+    return ReportedLoop(row, None, None, None, settings.span_of())
 
 
 def _read(job: _Job) -> Recording:
@@ -190,7 +190,8 @@ def _judge(job: _Job) -> _Judged:
 def _reported(
     name: str, judged: _Judged, settings: WorkListSettings, diagnose: Diagnose
 ) -> ReportedLoop:
-    document, samples, span = judged.document, judged.samples, settings.op_span
+    document, samples = judged.document, judged.samples
+    span = settings.span_of(samples.op)
     oscillates, period = samples.swing
     finding = diagnose(name, samples) or finding_of_estimate(
         document, oscillates=oscillates, period_s=period if oscillates else None

@@ -195,6 +195,17 @@ def test_a_recording_whose_name_is_not_utf8_is_a_row(tmp_path: Path) -> None:
     assert r"\xe4" in page
 
 
+def test_op_from_0_to_1_is_a_share_of_its_span(tmp_path: Path) -> None:
+    op, pv = limit_cycle()
+    rows = [f"{(50 + u) / 100:.8f},{y:.6f}" for u, y in zip(op, pv, strict=True)]
+    (tmp_path / "FC7.csv").write_text("\n".join(["op,pv", *rows]) + "\n")
+    (loop,) = json.loads(run("report", tmp_path, "--json").stdout)["loops"]
+    assert loop["stick_band"] == pytest.approx(4.0, rel=0.02)
+    assert loop["travel_per_day"] > 100.0
+    (given,) = json.loads(run("report", tmp_path, "--json", "--op-span", "100").stdout)["loops"]
+    assert given["stick_band"] == pytest.approx(0.04, rel=0.02)
+
+
 def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(
     tmp_path: Path,
 ) -> None:
