@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from fieldlink.file_at import is_pipe_or_device
 from fieldlink.site.binary_tables import MIN_ROWS
-from fieldlink.site.column_names import loops_side_by_side
+from fieldlink.site.column_names import loops_side_by_side, note_of_left_out
 from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.long_columns import find_long_columns
@@ -215,7 +215,8 @@ def read_recordings(
         beside = loops_side_by_side(file.header)
         loops = {name: (file, wanted | roles) for name, roles in beside.items()}
         if beside:
-            notes = (*notes, f"one of {len(beside)} loops side by side")
+            count = _counted(len(beside), "loop")
+            notes = (*notes, f"one of {count} side by side", *note_of_left_out(file.header))
     if not loops:
         yield "", _recording_of(file, wanted, period, notes=notes)
     yield from _each_or_problems(

@@ -160,6 +160,7 @@ def test_a_run_of_an_older_release_gets_the_columns_it_lacks(tmp_path: Path) -> 
         database.commit()
     run_file = RunFile(file)
     run_file.store([(2, [dict.fromkeys(CONTRACT.split(",")) | {"loop": "B", "notes": "turned"}])])
+    run_file.rank()
     rows = [*run_file.windows_of("a", "A", 9)]
     assert [(row["loop"], row["notes"]) for row in rows] == [("A", None)]
     assert run_file.counts().rows == 2

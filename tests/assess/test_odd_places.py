@@ -289,3 +289,29 @@ def test_a_store_is_read_while_it_is_written(tmp_path: Path, sticky) -> None:
     np.testing.assert_array_equal(found.op, sticky.op[:200])
     writer.execute("ROLLBACK")
     writer.close()
+
+
+def test_a_parquet_files_quality_and_mode_count_as_in_a_text_file(tmp_path: Path, sticky) -> None:
+    """A historian marks a bad value beside it; a mode in words is one, in numbers it may not be."""
+    stamps = pa.array((BEGIN + np.arange(400.0)) * 1e6).cast(pa.int64()).cast(pa.timestamp("us"))
+    quality = ["Bad" if k in (7, 9) else "Good" for k in range(400)]
+    codes = pa.array([0 if k == 5 else 192 for k in range(400)]).dictionary_encode()
+    mode = ["MAN" if k < 20 else "AUTO" for k in range(400)]
+    columns = {"time": stamps, "op": sticky.op, "pv": sticky.pv}
+    for name, more in (
+        ("words", {"PV.Quality": quality, "status": codes, "mode": mode}),
+        ("numbers", {"mode": [3] * 400}),
+    ):
+        pq.write_table(pa.table(columns | more), tmp_path / f"{name}.parquet")
+    ((_, words),) = windows(place_of(str(tmp_path / "words.parquet")), Cut())
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(words.pv)), [5, 7, 9])
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(words.op)), [5])
+    assert words.auto is not None
+    np.testing.assert_array_equal(words.auto, np.arange(400) >= 20)
+    assert words.notes == (
+        "PV.Quality: 2 rows are not good: bad samples",
+        "status: 1 rows are not good: bad samples",
+    )
+    ((_, numbers),) = windows(place_of(str(tmp_path / "numbers.parquet")), Cut())
+    assert numbers.auto is None
+    assert "name it with --auto" in numbers.notes[0]
