@@ -199,6 +199,15 @@ class RunFile:
         ((rows, errors),) = self._read("SELECT COUNT(*), COUNT(error) FROM windows")
         return Counts(pieces, done or 0, rows, errors)
 
+    def pieces_without_rows(self) -> int:
+        """Count the pieces that were read and gave no row: nothing of them was asked for."""
+        query = (
+            "SELECT COUNT(*) FROM pieces WHERE done AND NOT EXISTS "
+            "(SELECT 1 FROM windows WHERE piece = id)"
+        )
+        ((found,),) = self._read(query)
+        return int(found)
+
     def rank(self) -> None:
         """Give every loop its place; `ranked_rows` and `ranked_loops` need it."""
         with self._explained():

@@ -138,6 +138,10 @@ def _print(outcome: Outcome, out: Path) -> None:
     if outcome.judged:
         found += f"; {outcome.judged} judged in {outcome.seconds:.0f} s"
     typer.echo(f"{out}: {found}")
+    if outcome.outside:
+        typer.echo(
+            f"  nothing between --since and --until: {outcome.outside} files or parts of loops"
+        )
     typer.echo("  loops.csv, loops.parquet: the ranked table; report.html: the same to read")
     typer.echo("  notes.csv: how files were read, where that is not plain")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import shutil
@@ -14,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fieldlink.assess import AssessError, Cut, Job, Piece, Place
+from fieldlink.assess import AssessError, Columns, Cut, Job, Piece, Place
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.places import place_of
 from fieldlink.assess.readers import files
@@ -25,6 +26,7 @@ from fieldlink.assess.run_file import RunFile
 from fieldlink.assess.table_row import error_row
 from fieldlink.assess.workers.failed_rows import without_place
 from fieldlink.errors import FieldlinkError
+from fieldlink.site.errors import RecordingError
 from tests.assess.conftest import Recorded, write_csv
 from tests.assess.test_readers import (
     BEGIN,
@@ -315,3 +317,18 @@ def test_a_parquet_files_quality_and_mode_count_as_in_a_text_file(tmp_path: Path
     ((_, numbers),) = windows(place_of(str(tmp_path / "numbers.parquet")), Cut())
     assert numbers.auto is None
     assert "name it with --auto" in numbers.notes[0]
+
+
+def test_packed_files_have_a_row_and_hidden_ones_none(tmp_path: Path, sticky) -> None:
+    write_csv(tmp_path / "FC101.csv", sticky)
+    (tmp_path / "FC102.csv.gz").write_bytes(gzip.compress((tmp_path / "FC101.csv").read_bytes()))
+    for name in (".snapshot/FC101.csv", "._FC101.csv", "~$FC101.xlsx"):
+        write_csv(tmp_path / name, sticky)
+    pq.write_table(pa.table({"op": sticky.op, "pv": sticky.pv}), tmp_path / "FC103.pq")
+    job = Job((place_of(str(tmp_path)),), Columns(), Cut())
+    reader = reader_of("files")
+    pieces = [piece for piece in reader.pieces(job, 0, "") if isinstance(piece, Piece)]
+    assert [Path(piece.path).name for piece in pieces] == ["FC101.csv", "FC102.csv.gz", "FC103.pq"]
+    with pytest.raises(RecordingError, match="is packed"):
+        next(reader.windows(job, pieces[1]))
+    assert next(reader.windows(job, pieces[2]))[0] == "FC103"
