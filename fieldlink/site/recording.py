@@ -33,7 +33,10 @@ from fieldlink.site.timestamps import Sampling
 from fieldlink.spreadsheet import from_cell
 
 __all__ = [
+    "HIDDEN",
     "MIN_ROWS",
+    "PACKED",
+    "PARQUET",
     "PERIODS_DIFFER",
     "NanRun",
     "Recording",
@@ -42,8 +45,15 @@ __all__ = [
     "read_recordings",
 ]
 
-ENDINGS = (".csv", ".tsv", ".xlsx", ".parquet", ".mat")
+PARQUET = (".parquet", ".parq", ".pq")
+PACKED = (".xls", ".gz", ".zip", ".bz2", ".xz", ".zst", ".7z")
+"""Reading these says what to do: none of a site's recordings is passed over without a word."""
+ENDINGS = (".csv", ".tsv", ".xlsx", *PARQUET, ".mat", *PACKED)
 """Files of a folder that are recordings; a file that is named itself may end otherwise."""
+
+HIDDEN = (".", "~$")
+"""How names begin of what no person put there: copies of a file system's snapshots, which would
+be read as recordings once more, attributes of files, locks of spreadsheets."""
 
 PERIODS_DIFFER = 0.05
 """Share of a given period by which the times may differ and still agree with it: as much as an
@@ -122,7 +132,11 @@ def files_in(path: Path) -> list[Path]:
     if not os.path.isdir(path):
         return [path]
     try:
-        named = [file for file in path.iterdir() if file.suffix.lower() in ENDINGS]
+        named = [
+            file
+            for file in path.iterdir()
+            if file.suffix.lower() in ENDINGS and not file.name.startswith(HIDDEN)
+        ]
         return sorted(file for file in named if not is_pipe_or_device(file))
     except OSError as error:
         message = f"cannot be listed ({error.strerror})"

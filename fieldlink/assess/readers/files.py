@@ -16,6 +16,7 @@ from fieldlink.errors import FieldlinkError
 from fieldlink.file_at import is_pipe_or_device
 from fieldlink.printable import as_text
 from fieldlink.site.long_columns import find_long_columns
+from fieldlink.site.recording import HIDDEN, PACKED, PARQUET
 from fieldlink.sqlite_url import sqlite_url
 
 __all__ = ["ENDINGS", "FileReader"]
@@ -51,8 +52,6 @@ def _sqlite() -> tuple[_Pieces, _Windows]:
     )
 
 
-PARQUET = (".parquet", ".parq", ".pq")
-
 ENDINGS = {
     ".csv": _csv,
     ".tsv": _csv,
@@ -60,14 +59,9 @@ ENDINGS = {
     **dict.fromkeys(PARQUET, _parquet),
     ".mat": _matlab,
     ".sqlite": _sqlite,
-    # Reading these says what to do: none of a site's recordings is passed over without a word.
-    **dict.fromkeys((".xls", ".gz", ".zip", ".bz2", ".xz", ".zst", ".7z"), _csv),
+    **dict.fromkeys(PACKED, _csv),
 }
 """The files of a folder that are read; a file that is named itself may end otherwise: it is CSV."""
-
-HIDDEN = (".", "~$")
-"""How names begin of what no person put there: copies of a file system's snapshots, which would
-be read as recordings once more, attributes of files, locks of spreadsheets."""
 
 
 class FileReader:
