@@ -99,12 +99,17 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
     try:
         run_file = RunFile(out / RUN_FILE)
         try:
-            # A run that was not planned to its end has nothing that is worth keeping.
+            # A run that was not planned to its end has nothing that is worth keeping; nor has one
+            # that read nothing, as with the wrong address of a scheduler: its options may change.
             planned = run_file.meta("planned")
             stored = run_file.meta("options") if planned else None
-            _agree(stored, job, out)
+            has_read = planned and run_file.counts().done > 0
+            if has_read:
+                _agree(stored, job, out)
             job = replace(job, sources=scout.start())
-            _agree(stored, job, out)
+            if has_read:
+                _agree(stored, job, out)
+            planned = planned and stored == json.loads(json.dumps(job.options()))
             if not planned:
                 run_file.set_meta("options", job.options())
                 run_file.plan(_told(_all_pieces(scout, job), progress))

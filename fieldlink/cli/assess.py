@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 __all__ = ["assess"]
 
 ENGINES = ("local", "dask")
+
+_ADDRESS = re.compile(r"(\w+://)?[^/\s]+:\d+/?")
+"""A scheduler's: without a port its client fails late, and says a hundred lines."""
 
 STOPPED = 130
 """The exit status of a command that Ctrl-C ended, as shells have it."""
@@ -82,6 +86,11 @@ def assess(
     if engine not in ENGINES:
         raise typer.BadParameter(
             f"{engine!r} is unknown; write local or dask", param_hint="--engine"
+        )
+    if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
+        raise typer.BadParameter(
+            f"{scheduler!r} is no address; write one such as tcp://10.0.0.5:8786",
+            param_hint="--scheduler",
         )
     if period is not None and not period > 0.0:
         raise typer.BadParameter("must be positive", param_hint="--period")

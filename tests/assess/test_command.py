@@ -11,12 +11,14 @@ import sys
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from estimator import identify
+from fieldlink.assess import AssessError
 from fieldlink.assess.run_file import RunFile
 from tests.cli.typed import run_typed
 
@@ -135,6 +137,16 @@ def test_files_outside_of_the_time_that_was_asked_for_are_no_errors(tmp_path: Pa
     assert "another value of since (2026-01-02T00:00:00Z)" in other.stderr
 
 
+def test_a_run_that_read_nothing_may_be_begun_with_other_options(tmp_path: Path) -> None:
+    write_days(tmp_path / "days", 1)
+    run = partial(run_typed, tmp_path, "assess", "days", "--out", "out", "--workers", 1)
+    with mock.patch("fieldlink.assess.assessment._engine", side_effect=AssessError("no scheduler")):
+        assert "no scheduler" in run("--samples", 60).stderr
+    done = run("--samples", 120)
+    assert done.returncode == 0, done.stderr
+    assert [row["samples"] for row in table(tmp_path / "out")] == ["120"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -142,6 +154,7 @@ def test_files_outside_of_the_time_that_was_asked_for_are_no_errors(tmp_path: Pa
         ([".", "--every", "soon"], "is not a length of time"),
         ([".", "--engine", "cloud"], "write local or dask"),
         ([".", "--out", "taken"], "holds loops.csv of something else"),
+        ([".", "--scheduler", "10.0.0.5"], "write one such as tcp://10.0.0.5:8786"),
         ([".", "--out", "."], ". is what is read; name a folder of its own"),
         (["days", "--since", "2026-02-01"], "days: no samples between --since and --until"),
     ],
