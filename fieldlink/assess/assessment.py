@@ -91,7 +91,8 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
         KeyboardInterrupt: what is done is kept.
     """
     begun = time.perf_counter()
-    _make_folder(out, job)
+    _check_places(out, job)
+    _make_folder(out)
     record = out / RECORD
     if os.path.isfile(record) and not os.path.exists(out / RUN_FILE):
         return _finished_before(record, job, out)
@@ -131,14 +132,31 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
     return outcome
 
 
-def _make_folder(out: Path, job: Job) -> None:
+def _check_places(out: Path, job: Job) -> None:
+    """Refuse what would be read twice, and a folder of tables that is itself what is read."""
+    files = [place for place in job.places if place.kind == "files"]
+    known = {Path(os.path.realpath(place.where)): place for place in files}
     for place in job.places:
-        if place.kind == "files" and os.path.realpath(out) == os.path.realpath(place.where):
-            # Folders of runs are left out where recordings are looked for.
+        if place.kind == "files":
+            where = Path(os.path.realpath(place.where))
+            above = [known[path] for path in where.parents if path in known]
+            twice = [*above, *([known[where]] if known[where] is not place else [])]
+        else:
+            twice = [one for one in job.places if one.where == place.where and one is not place]
+        if twice:
             raise AssessError(
-                f"{place.shown} is what is read; name a folder of its own with --out, which may "
-                "be inside it"
+                f"{place.shown} is given twice, also by {twice[0].shown}; its windows would count "
+                "twice: name it once"
             )
+    # Folders of runs are left out where recordings are looked for.
+    if read := known.get(Path(os.path.realpath(out))):
+        raise AssessError(
+            f"{read.shown} is what is read; name a folder of its own with --out, which may be "
+            "inside it"
+        )
+
+
+def _make_folder(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

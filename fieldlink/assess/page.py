@@ -102,7 +102,7 @@ def _loop(rank: int, found: Mapping[str, Any], windows: Sequence[Mapping[str, An
         rank=rank,
         name=found["loop"] or "",
         file=found["file"] + (f" and {_counted(more, 'more file')}" if more else ""),
-        span=f"{days[0]} to {days[-1]}" if days else "",
+        span=" to ".join(dict.fromkeys((days[0], days[-1]))) if days else "",
         sticky=found["sticky"] or 0,
         judged=found["judged"] or 0,
         windows=found["verdicts"] + found["errors"],

@@ -155,6 +155,8 @@ def test_a_run_that_read_nothing_may_be_begun_with_other_options(tmp_path: Path)
         ([".", "--engine", "cloud"], "write local or dask"),
         ([".", "--out", "taken"], "holds loops.csv of something else"),
         ([".", "--scheduler", "10.0.0.5"], "write one such as tcp://10.0.0.5:8786"),
+        (["days", "days/FC101_2026-01-01.csv"], "is given twice, also by days"),
+        (["days", "./days/"], "is given twice, also by"),
         ([".", "--out", "."], ". is what is read; name a folder of its own"),
         (["days", "--since", "2026-02-01"], "days: no samples between --since and --until"),
     ],
