@@ -332,3 +332,12 @@ def test_packed_files_have_a_row_and_hidden_ones_none(tmp_path: Path, sticky) ->
     with pytest.raises(RecordingError, match="is packed"):
         next(reader.windows(job, pieces[1]))
     assert next(reader.windows(job, pieces[2]))[0] == "FC103"
+
+
+def test_rows_of_a_parquet_file_without_a_loops_name_are_one_loop(tmp_path: Path, sticky) -> None:
+    times = pa.array(BEGIN + np.arange(400.0))
+    loops = [None, ""] * 100 + ["FC2"] * 200
+    table = pa.table({"time": times, "loop": loops, "op": sticky.op, "pv": sticky.pv})
+    pq.write_table(table, tmp_path / "FC1.parquet")
+    found = windows(place_of(str(tmp_path)), Cut())
+    assert [(name, len(window)) for name, window in found] == [("FC1", 200), ("FC2", 200)]

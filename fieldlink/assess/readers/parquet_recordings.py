@@ -94,7 +94,8 @@ def parquet_pieces(job: Job, piece: Piece) -> Iterator[Piece]:
         if columns.time is None or not is_moment(span.first):
             yield own
         else:
-            own = replace(own, loop=own.loop or named_by_file(Path(piece.path), span.first))
+            if columns.loop is None:
+                own = replace(own, loop=own.loop or named_by_file(Path(piece.path), span.first))
             period = job.columns.period or max((span.last - span.first) / max(1, span.rows - 1), 0)
             yield from split_in_time(own, job.cut, span.first, span.last, period)
 
@@ -109,7 +110,11 @@ def parquet_windows(job: Job, piece: Piece) -> Iterator[Named]:
     unit = _counts_a_second(file, columns)
     chosen = None
     if columns.loop is not None:
-        chosen = _as_names(ds.field(columns.loop), schema.field(columns.loop).type) == piece.loop
+        field = ds.field(columns.loop)
+        chosen = _as_names(field, schema.field(columns.loop).type) == piece.loop
+        if not piece.loop:
+            # Rows without a name are one loop, as in a text file.
+            chosen |= field.is_null()
     for moment, is_first in ((piece.since, True), (piece.until, False)):
         if moment is not None and columns.time is not None:
             bound = _as_stored(moment, schema.field(columns.time).type, unit)
@@ -130,7 +135,8 @@ def parquet_windows(job: Job, piece: Piece) -> Iterator[Named]:
     if piece.loop in _loops_beside(schema, job):
         series = replace(series, notes=(*note_of_left_out(schema.names), *series.notes))
     for window in cut_windows(Recorded(series), piece, job.cut):
-        yield piece.loop or named_by_file(Path(piece.path), None), window
+        start = float(series.time[0]) if series.dated else None
+        yield piece.loop or named_by_file(Path(piece.path), start), window
 
 
 @dataclass(slots=True)
@@ -263,8 +269,10 @@ def _measure(batch: Any, columns: _Columns, spans: dict[str, _Span], unit: float
     if columns.loop is not None:
         column = batch.column(columns.loop)
         coded = pc.dictionary_encode(_as_names(column, column.type))
-        names = np.asarray(coded.indices.fill_null(-1))
         loops = [str(name) for name in coded.dictionary.to_pylist()]
+        nameless = loops.index("") if "" in loops else len(loops)
+        loops += [""] * (nameless == len(loops))
+        names = np.asarray(coded.indices.fill_null(nameless))
     for code, loop in enumerate(loops):
         own = times[(names == code) & np.isfinite(times)]
         if own.size == 0:
