@@ -177,7 +177,14 @@ def _finding(_name: str, samples: WindowSamples) -> Finding | None:
 
     if samples.stem is not None:
         return None
-    found = diagnose(samples.op, samples.pv, samples.sp, period=samples.period, advice=False)
+    found = diagnose(
+        samples.op,
+        samples.pv,
+        samples.sp,
+        auto=samples.auto,
+        period=samples.period,
+        advice=False,
+    )
     return finding_of_diagnosis(found.to_dict()["causes"])
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator import EstimatorError, Interval
 from fieldlink.errors import FieldlinkError
@@ -134,7 +135,7 @@ def _of_kept(job: _Job, kept: Mapping[str, Any]) -> _Judged | str:
         return str(kept["problem"])
     recording = _read(job)
     stem = None if kept["stem"] is None else np.asarray(kept["stem"], float)
-    samples = WindowSamples(recording.op, recording.pv, recording.sp, stem, recording.period)
+    samples = _samples(recording, stem)
     return _Judged(samples, dict(kept["document"]), tuple(kept["notes"]))
 
 
@@ -179,12 +180,22 @@ def _judge(job: _Job) -> _Judged:
         recording.op,
         recording.pv,
         sp=recording.sp,
-        auto=None if recording.auto is None else recording.auto.astype(float),
+        auto=_mode(recording),
         period=recording.period,
     )
     stem = result.stem if result.verdict.value == "stiction" else None
-    samples = WindowSamples(recording.op, recording.pv, recording.sp, stem, recording.period)
+    samples = _samples(recording, stem)
     return _Judged(samples, result.to_dict(), recording.notes)
+
+
+def _mode(recording: Recording) -> NDArray[np.float64] | None:
+    return None if recording.auto is None else recording.auto.astype(np.float64)
+
+
+def _samples(recording: Recording, stem: NDArray[np.float64] | None) -> WindowSamples:
+    return WindowSamples(
+        recording.op, recording.pv, recording.sp, stem, recording.period, _mode(recording)
+    )
 
 
 def _reported(
