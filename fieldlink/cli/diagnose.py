@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fieldlink.printable import as_text
-
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -81,7 +79,7 @@ def diagnose(
     elif is_one_file:
         found = _of_file(paths[0], columns)
         if not isinstance(found, diagnosing.Plant):
-            _show_one(as_text(loop) if loop else paths[0].name, *found, plot, as_json)
+            _show_one(loop or paths[0].name, *found, plot, as_json)
             return
         plant = found
     else:

@@ -124,6 +124,18 @@ def test_one_loop_of_several_is_named(hours: dict[str, Loop], tmp_path: Path) ->
     assert "names a loop of one recording" in refused("diagnose", tmp_path, "--loop", "TC9")
 
 
+def test_identify_says_which_loops_there_are_and_takes_one(
+    hours: dict[str, Loop], tmp_path: Path
+) -> None:
+    path = tmp_path / "wide.csv"
+    path.write_text(side_by_side(hours, rows=SHORT))
+    said = refused("identify", path)
+    assert "holds 3 loops side by side: 'FC101', 'LC7', 'TC9'; name one with --loop 'FC101'" in said
+    result = CliRunner().invoke(app, ["identify", str(path), "--loop", "FC101", "--json"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["stick_band"]["value"] == pytest.approx(6.0, rel=0.1)
+
+
 def test_a_folder_of_both_kinds_and_names_that_stand_twice(
     hours: dict[str, Loop], tmp_path: Path
 ) -> None:
