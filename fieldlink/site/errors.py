@@ -11,7 +11,7 @@ from fieldlink.printable import as_printable, shortened
 
 __all__ = ["Problem", "RecordingError", "SiteError", "nearest", "several_loops"]
 
-_NAMED = 3
+_NAMED = 12
 """Loops that a sentence names."""
 
 

@@ -12,7 +12,7 @@ from fieldlink.site.column_names import guess_columns, loops_side_by_side, quali
 from fieldlink.site.csv_file import CsvFile
 from fieldlink.site.dates_beside_times import join_dates
 from fieldlink.site.errors import Problem, nearest, several_loops
-from fieldlink.site.number_cells import BAD, NumberCells, find_decimal_mark, parse_numbers
+from fieldlink.site.number_cells import BAD, NumberCells, parse_numbers
 from fieldlink.site.numbered_times import find_time_unit, is_plausible
 from fieldlink.site.quality_codes import find_good
 from fieldlink.site.recorded_table import holds_values, is_moment
@@ -232,8 +232,7 @@ class RecordedColumns:
 
         def proven() -> str | None:
             others = (n for n in range(len(self._file.header)) if n != column)
-            found = {find_decimal_mark(row.cells[n] for row in self._file.rows) for n in others}
-            marks = found - {None}
+            marks = {self._file.decimal_mark(n) for n in others} - {None}
             return marks.pop() if len(marks) == 1 else None
 
         return parse_numbers(cells, comma_separates=self._file.separator == ",", proven=proven)
