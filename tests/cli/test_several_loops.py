@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from fieldlink import diagnosing
 from fieldlink.cli.app import app
 from fieldlink.diagnosing import Columns, loops_in, read
 from tests.closed_loop import Loop, run
@@ -150,3 +152,21 @@ def test_a_folder_of_both_kinds_and_names_that_stand_twice(
         "mill/TC9 has the OP and PV of TC9" in note or "TC9 has the OP and PV of mill/TC9" in note
         for note in found["notes"]
     )
+
+
+def test_many_loops_of_one_file_go_to_workers_and_stay_in_its_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # threads begin at once, processes after seconds
+    monkeypatch.setattr(diagnosing, "_workers", lambda: ThreadPoolExecutor(2))
+    names = ["FC5", "FC4", "FC3", "FC2", "FC1"]
+    path = tmp_path / "wide.csv"
+    lines = [",".join(f"{name}.{role}" for name in names for role in ("OP", "PV"))]
+    for k in range(60):
+        cells = [f"{40 + k % (3 + n)},{50 + k % (4 + n)}" for n in range(len(names))]
+        cells[2] = f"x,{k}"
+        lines.append(",".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+    found = answer(path, status=1)
+    assert list(found["loops"]) == ["FC5", "FC4", "FC2", "FC1"]
+    assert list(found["refused"]) == ["FC3"]
