@@ -1,45 +1,53 @@
 """From recorded files or a historian to diagnoses: one loop, or many of the same hours.
 
-Loops are read and diagnosed one at a time in worker processes; what is kept of each is its
-diagnosis and a thinned copy of its signals, by which groups are found. So the memory grows with the
-number of loops and not with the length of their records.
+Loops are read and diagnosed one at a time in worker processes; `diagnosed_plant` keeps little of
+each and finds the groups.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.common_hours import clock_notes
-from fieldlink.diagnosis import Diagnosis, Group, LoopSignals, diagnose, find_groups
+from fieldlink.diagnosed_plant import (
+    Answer,
+    DiagnosisError,
+    Plant,
+    answer_of,
+    diagnose_recording,
+    plant_of,
+)
 from fieldlink.errors import FieldlinkError
 from fieldlink.site.missing_rows import fill_missing_rows
-from fieldlink.site.recording import Recording, files_in, read_recording
+from fieldlink.site.recording import Recording, files_in, open_recordings, read_recording
 
 __all__ = [
     "Columns",
     "DiagnosisError",
     "Plant",
     "diagnose_files",
+    "diagnose_loops",
     "diagnose_recording",
     "diagnose_store",
     "files_of",
+    "loops_in",
+    "read",
 ]
 
 Floats = NDArray[np.float64]
+Read = Callable[[], Recording]
+"""Reads a loop of a file that is open."""
 
-_KEPT = 20_000
-"""Samples of a loop that are kept to find groups: a day at 4.3 s, a period of 20 s and slower."""
 LEAST_SAMPLES = 50
 """Samples of a stored loop below which no window is tried: the shortest that a site file allows."""
 MOST_SLOTS = 3_000_000
@@ -47,19 +55,16 @@ MOST_SLOTS = 3_000_000
 _SIGNALS = ("op", "pv", "sp", "auto")
 _FEW = 4
 """Loops up to which starting worker processes takes longer than the work."""
-
-
-class DiagnosisError(FieldlinkError):
-    """There is nothing that could be diagnosed."""
-
-
-_NAMED = 5
-"""Loops that a note names; the others are counted."""
+_READ_AHEAD = 2
+"""Loops of one file that are read ahead for each worker: none waits, and few are held at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Names of a file's columns and its period, where they are not the usual ones."""
+    """Names of a file's columns and its period, where they are not the usual ones.
+
+    ``loop`` names one of a file's loops, None where all are meant.
+    """
 
     op: str | None = None
     pv: str | None = None
@@ -67,30 +72,11 @@ class Columns:
     auto: str | None = None
     time: str | None = None
     period: float | None = None
+    loop: str | None = None
 
-
-@dataclass(frozen=True, slots=True)
-class Plant:
-    """Diagnoses of many loops and the groups among them.
-
-    ``refused`` names what was not read, and why; ``signals`` are those by which groups were found;
-    ``notes`` say what limits the search for groups and how recordings were read, in sentences.
-    """
-
-    loops: Mapping[str, Diagnosis]
-    groups: tuple[Group, ...]
-    refused: Mapping[str, str]
-    signals: Mapping[str, LoopSignals]
-    notes: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON object of ``fieldlink diagnose --json`` for several loops."""
-        return {
-            "loops": {name: found.to_dict() for name, found in self.loops.items()},
-            "groups": [group.to_dict() for group in self.groups],
-            "refused": dict(self.refused),
-            "notes": list(self.notes),
-        }
+    def names(self) -> dict[str, str | None]:
+        """The columns by role."""
+        return {role: getattr(self, role) for role in ("op", "pv", "sp", "auto", "time")}
 
 
 def files_of(paths: Sequence[Path]) -> dict[str, Path]:
@@ -116,41 +102,68 @@ def files_of(paths: Sequence[Path]) -> dict[str, Path]:
     return found
 
 
+def loops_in(path: Path, columns: Columns) -> dict[str, Read]:
+    """Open a recorded file: by loop, what reads it; the only loop has no name. PV may be missing.
+
+    Raises:
+        RecordingError: see `fieldlink.site.recording.open_recordings`.
+    """
+    loops = open_recordings(path, columns.names(), columns.period, needs_pv=False)
+    return {name: partial(_filled, read_one) for name, read_one in loops.items()}
+
+
 def read(path: Path, columns: Columns) -> Recording:
-    """Read a recorded loop; PV may be missing."""
+    """Read a recorded loop, the one that ``columns`` names of several; PV may be missing.
+
+    Raises:
+        RecordingError: see `fieldlink.site.recording.read_recording`.
+    """
     recording = read_recording(
-        path,
-        op=columns.op,
-        pv=columns.pv,
-        sp=columns.sp,
-        auto=columns.auto,
-        time=columns.time,
-        period=columns.period,
-        needs_pv=False,
+        path, **columns.names(), period=columns.period, loop=columns.loop, needs_pv=False
     )
     return fill_missing_rows(recording)
 
 
-def diagnose_recording(recording: Recording, *, advice: bool = True) -> Diagnosis:
-    """Diagnose one recorded loop."""
-    has_pv = bool(np.isfinite(recording.pv).any())
-    return diagnose(
-        recording.op,
-        recording.pv if has_pv else None,
-        recording.sp if has_pv else None,
-        auto=recording.auto,
-        period=recording.period,
-        advice=advice,
-    )
+def _filled(read_one: Read) -> Recording:
+    return fill_missing_rows(read_one())
 
 
 def diagnose_files(files: Mapping[str, Path], columns: Columns) -> Plant:
     """Diagnose recorded loops of the same hours, and find the groups that swing together.
 
+    A file may hold several loops, which have their names in it. Of many files each is read by a
+    worker process, which diagnoses its loops; few are read here, see `diagnose_loops`.
+
     Raises:
         DiagnosisError: none of the files can be read.
     """
-    return _diagnose_all(files, partial(_one_file, columns=columns))
+    if len(files) <= _FEW:
+        found = [_answers_of_file(path, columns, _spread) for path in files.values()]
+    else:
+        with _workers() as pool:
+            work = partial(_answers_of_file, columns=columns, answer_all=_in_turn)
+            found = list(pool.map(work, files.values()))
+    answered = (
+        (name, loop, answer)
+        for name, answers in zip(files, found, strict=True)
+        for loop, answer in answers
+    )
+    return plant_of(list(answered))
+
+
+def diagnose_loops(path: Path, loops: Mapping[str, Read]) -> Plant:
+    """Diagnose the loops of one file, and find the groups that swing together.
+
+    The file is read here, a loop at a time, and worker processes diagnose.
+
+    Args:
+        path: the file.
+        loops: as `loops_in` gives them.
+
+    Raises:
+        DiagnosisError: none of the loops can be read.
+    """
+    return plant_of([(path.stem, name, answer) for name, answer in _spread(loops)])
 
 
 def diagnose_store(url: str, periods: Mapping[str, float], hours: float) -> Plant:
@@ -165,90 +178,68 @@ def diagnose_store(url: str, periods: Mapping[str, float], hours: float) -> Plan
         DiagnosisError: no loop has samples enough.
     """
     since = datetime.now(UTC) - timedelta(hours=hours)
-    return _diagnose_all(
-        {name: (name, period) for name, period in periods.items()},
-        partial(_one_stored, url=url, since=since),
-    )
-
-
-_Answer = tuple[Diagnosis, LoopSignals, tuple[str, ...]] | str
-"""The diagnosis of a loop, its thinned signals and notes; or why it was not read."""
-
-
-def _diagnose_all(places: Mapping[str, Any], work: Callable[[Any], _Answer]) -> Plant:
-    if len(places) <= _FEW:
-        answers = [work(place) for place in places.values()]
+    work = partial(_one_stored, url=url, since=since)
+    if len(periods) <= _FEW:
+        found = list(map(work, periods.items()))
     else:
-        # a fresh process has no threads of ours that a fork would copy half
-        context = get_context("spawn")
-        with ProcessPoolExecutor(os.cpu_count() or 1, mp_context=context) as pool:
-            answers = list(pool.map(work, places.values()))
-    loops: dict[str, Diagnosis] = {}
-    signals: dict[str, LoopSignals] = {}
-    refused: dict[str, str] = {}
-    read: dict[str, tuple[str, ...]] = {}
-    for name, answer in zip(places, answers, strict=True):
-        if isinstance(answer, str):
-            refused[name] = answer
-        else:
-            loops[name], signals[name], read[name] = answer
-    if not loops:
-        raise DiagnosisError("\n".join(refused.values()) or "no loop given; name a file or folder")
-    copies = _copies(signals)
-    notes = (*clock_notes(signals), *_copy_notes(copies), *_reading_notes(read))
-    signals = _aligned(signals)
-    # a recording swings together with itself: that tells nothing of the plant
-    asked = {name: one for name, one in signals.items() if name not in copies}
-    groups = find_groups(asked, {name: loops[name] for name in asked}) if len(asked) > 1 else ()
-    return Plant(loops, groups, refused, signals, notes)
+        with _workers() as pool:
+            found = list(pool.map(work, periods.items()))
+    return plant_of([(name, "", answer) for name, answer in zip(periods, found, strict=True)])
 
 
-def _one_file(path: Path, columns: Columns) -> _Answer:
+def _workers() -> ProcessPoolExecutor:
+    # a fresh process has no threads of ours that a fork would copy half
+    return ProcessPoolExecutor(os.cpu_count() or 1, mp_context=get_context("spawn"))
+
+
+_ByLoop = Iterable[tuple[str, Answer]]
+
+
+def _answers_of_file(
+    path: Path, columns: Columns, answer_all: Callable[[Mapping[str, Read]], _ByLoop]
+) -> list[tuple[str, Answer]]:
     try:
-        recording = read(path, columns)
+        loops = loops_in(path, columns)
+    except FieldlinkError as error:
+        return [("", str(error))]
+    # the only loop of a file has the file's name
+    return [(name if len(loops) > 1 else "", answer) for name, answer in answer_all(loops)]
+
+
+def _in_turn(loops: Mapping[str, Read]) -> _ByLoop:
+    for name, read_one in loops.items():
+        recording = _read_or_reason(read_one)
+        yield name, recording if isinstance(recording, str) else answer_of(recording)
+
+
+def _spread(loops: Mapping[str, Read]) -> _ByLoop:
+    """Read here and diagnose in worker processes; a few loops here too."""
+    if len(loops) <= _FEW:
+        yield from _in_turn(loops)
+        return
+    ahead: deque[tuple[str, Future[Answer] | str]] = deque()
+    with _workers() as pool:
+        for name, read_one in loops.items():
+            recording = _read_or_reason(read_one)
+            if isinstance(recording, str):
+                ahead.append((name, recording))
+            else:
+                ahead.append((name, pool.submit(answer_of, recording)))
+            if len(ahead) > _READ_AHEAD * (os.cpu_count() or 1):
+                first, answer = ahead.popleft()
+                yield first, answer if isinstance(answer, str) else answer.result()
+        for name, answer in ahead:
+            yield name, answer if isinstance(answer, str) else answer.result()
+
+
+def _read_or_reason(read_one: Read) -> Recording | str:
+    try:
+        return read_one()
     except FieldlinkError as error:
         return str(error)
-    return diagnose_recording(recording), _thinned(recording), recording.notes
 
 
-def _copies(signals: Mapping[str, LoopSignals]) -> dict[str, str]:
-    """Recordings with the same moving OP and PV as an earlier one, and that one's name."""
-    first: dict[tuple[float, float, bytes, bytes], str] = {}
-    copies = {}
-    for name, one in signals.items():
-        if one.pv is None or not np.nanstd(one.op) + np.nanstd(one.pv) > 0.0:
-            continue
-        start = one.start_s if np.isfinite(one.start_s) else 0.0
-        key = (start, one.period, one.op.tobytes(), one.pv.tobytes())
-        if key in first:
-            copies[name] = first[key]
-        else:
-            first[key] = name
-    return copies
-
-
-def _copy_notes(copies: Mapping[str, str]) -> tuple[str, ...]:
-    return tuple(
-        f"{name} has the OP and PV of {first}, sample by sample, and is left out of the groups: "
-        f"export that loop's own tags, or leave the copy out."
-        for name, first in copies.items()
-    )
-
-
-def _reading_notes(notes: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """How recordings were read, each sentence once, with the names of those that it is about."""
-    about: dict[str, list[str]] = {}
-    for name, said in notes.items():
-        for note in said:
-            about.setdefault(note, []).append(name)
-    return tuple(
-        f"{', '.join(names[:_NAMED])}"
-        f"{f' and {len(names) - _NAMED} more' if len(names) > _NAMED else ''}: {note}"
-        for note, names in about.items()
-    )
-
-
-def _one_stored(place: tuple[str, float], url: str, since: datetime) -> _Answer:
+def _one_stored(place: tuple[str, float], url: str, since: datetime) -> Answer:
     from fieldlink.assess.series import Series, equally_spaced
     from fieldlink.store import read_samples
 
@@ -293,35 +284,4 @@ def _one_stored(place: tuple[str, float], url: str, since: datetime) -> _Answer:
         notes=(),
         start=float(times[0]),
     )
-    return diagnose_recording(recording), _thinned(recording), recording.notes
-
-
-def _thinned(recording: Recording) -> LoopSignals:
-    """Return the signals; long ones averaged over a few samples each."""
-    every = max(1, -(-len(recording) // _KEPT))
-
-    def thin(values: Floats) -> Any:
-        whole = values[: values.size // every * every].reshape(-1, every)
-        # hundreds of loops are held at once: single precision is below any transmitter's
-        return whole.mean(axis=1).astype(np.float32)
-
-    has_pv = bool(np.isfinite(recording.pv).any())
-    return LoopSignals(
-        op=thin(recording.op),
-        pv=thin(recording.pv) if has_pv else None,
-        sp=thin(recording.sp) if has_pv and recording.sp is not None else None,
-        period=recording.period * every,
-        start_s=recording.start if recording.start is not None else float("nan"),
-    )
-
-
-def _aligned(signals: Mapping[str, LoopSignals]) -> dict[str, LoopSignals]:
-    """The signals on one clock; without a clock in every file they all start together."""
-    starts = np.array([one.start_s for one in signals.values()])
-    if not np.isfinite(starts).all():
-        starts = np.zeros(starts.size)
-    starts = starts - starts.min()
-    return {
-        name: replace(one, start_s=float(start))
-        for (name, one), start in zip(signals.items(), starts, strict=True)
-    }
+    return answer_of(recording)

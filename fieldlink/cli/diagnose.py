@@ -13,8 +13,9 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from fieldlink.diagnosing import Plant
+    from fieldlink.diagnosing import Columns, Plant
     from fieldlink.diagnosis import Cause, Diagnosis
+    from fieldlink.site.recording import Recording
 
 __all__ = ["diagnose"]
 
@@ -23,8 +24,8 @@ def diagnose(
     paths: Annotated[
         list[Path],
         typer.Argument(
-            help="One recorded loop (CSV, Excel, Parquet, MATLAB); several, or folders of them, of "
-            "the same hours; or a site file (TOML), whose store is read.",
+            help="A recording (CSV, Excel, Parquet, MATLAB) of one loop or several; many, or "
+            "folders of them, of the same hours; or a site file (TOML), whose store is read.",
             metavar="PATH...",
         ),
     ],
@@ -37,6 +38,9 @@ def diagnose(
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
     period: Annotated[
         float | None, typer.Option(help="Sampling period in seconds; from the times unless given.")
+    ] = None,
+    loop: Annotated[
+        str | None, typer.Option(help="The loop to diagnose, of a file with several.")
     ] = None,
     hours: Annotated[
         float, typer.Option(min=0.1, help="For a site: hours of its record, up to now.")
@@ -55,24 +59,31 @@ def diagnose(
     """
     from fieldlink import diagnosing
 
-    columns = diagnosing.Columns(op, pv, sp, auto, time, period)
+    columns = diagnosing.Columns(op, pv, sp, auto, time, period, loop)
     sites = [path for path in paths if path.suffix.lower() == ".toml"]
     if sites and len(paths) > 1:
         raise typer.BadParameter(
             f"{sites[0]} is a site file: give it alone, or recorded loops", param_hint="PATH"
         )
-    several = bool(sites) or len(paths) > 1 or os.path.isdir(paths[0])
+    is_one_file = not sites and len(paths) == 1 and not os.path.isdir(paths[0])
+    if loop is not None and not is_one_file:
+        raise typer.BadParameter(
+            "names a loop of one recording: give that file alone", param_hint="--loop"
+        )
     if sites:
         from fieldlink.site import load_site
 
         site = load_site(sites[0])
         periods = {name: loop.period for name, loop in site.loops.items()}
         plant = diagnosing.diagnose_store(site.historian_url, periods, hours)
-    elif several:
-        plant = diagnosing.diagnose_files(diagnosing.files_of(paths), columns)
+    elif is_one_file:
+        found = _of_file(paths[0], columns)
+        if not isinstance(found, diagnosing.Plant):
+            _show_one(loop or paths[0].name, *found, plot, as_json)
+            return
+        plant = found
     else:
-        _one(paths[0], columns, plot, as_json)
-        return
+        plant = diagnosing.diagnose_files(diagnosing.files_of(paths), columns)
     # The picture comes last: one that cannot be written must not cost the result.
     if as_json:
         typer.echo(json.dumps(plant.to_dict(), allow_nan=False))
@@ -90,23 +101,35 @@ def diagnose(
         raise typer.Exit(1)
 
 
-def _one(path: Path, columns: object, plot: Path | None, as_json: bool) -> None:
+def _of_file(path: Path, columns: Columns) -> Plant | tuple[Recording, Diagnosis]:
+    """Diagnose a file: its only loop or the one that was named, else all of them."""
     from fieldlink import diagnosing
 
-    assert isinstance(columns, diagnosing.Columns)
-    recording = diagnosing.read(path, columns)
-    found = diagnosing.diagnose_recording(recording)
+    if columns.loop is not None:
+        recording = diagnosing.read(path, columns)
+    else:
+        loops = diagnosing.loops_in(path, columns)
+        if len(loops) > 1:
+            return diagnosing.diagnose_loops(path, loops)
+        (read_only,) = loops.values()
+        recording = read_only()
+    return recording, diagnosing.diagnose_recording(recording)
+
+
+def _show_one(
+    name: str, recording: Recording, found: Diagnosis, plot: Path | None, as_json: bool
+) -> None:
     if as_json:
         typer.echo(json.dumps(found.to_dict(), allow_nan=False))
     else:
-        _print_one(path.name, found)
+        _print_one(name, found)
         for note in recording.notes:
             typer.echo(f"note: {note}")
     if plot is not None:
         from fieldlink.diagnosis_pictures import diagnosis_figure
         from fieldlink.pictures import save
 
-        save(diagnosis_figure(recording, found, title=path.name), plot)
+        save(diagnosis_figure(recording, found, title=name), plot)
         if not as_json:
             typer.echo(f"picture: {plot}")
 

@@ -46,7 +46,8 @@ def identify(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="A recorded loop: CSV, Excel, Parquet or MATLAB; columns are found by name.",
+            help="A recorded loop: CSV, Excel, Parquet or MATLAB; columns are found by name. Of a "
+            "file with several loops --loop names one.",
         ),
     ],
     op: Annotated[str | None, typer.Option(help="Column of the controller output.")] = None,
@@ -58,6 +59,9 @@ def identify(
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
     period: Annotated[
         float | None, typer.Option(help="Sampling period in seconds; from the times unless given.")
+    ] = None,
+    loop: Annotated[
+        str | None, typer.Option(help="The loop to judge, of a file with several.")
     ] = None,
     criterion: Annotated[
         str,
@@ -80,7 +84,10 @@ def identify(
     from fieldlink.site.missing_rows import fill_missing_rows
     from fieldlink.site.recording import read_recording
 
-    recording = read_recording(file, op=op, pv=pv, sp=sp, auto=auto, time=time, period=period)
+    recording = read_recording(
+        file, op=op, pv=pv, sp=sp, auto=auto, time=time, period=period, loop=loop
+    )
+    name = file.name if loop is None else loop
     rows = _window(window, len(recording.op))
     cut = fill_missing_rows(recording.cut(rows))
     refuse_too_long(as_text(str(file)), len(cut), rows)
@@ -99,11 +106,11 @@ def identify(
     if as_json:
         typer.echo(json.dumps({**result.to_dict(), **_origin()}, allow_nan=False))
     else:
-        _print_summary(file.name, cut, result)
+        _print_summary(name, cut, result)
     if plot is not None:
         from fieldlink.pictures import identification_figure, save
 
-        save(identification_figure(cut.op, cut.pv, cut.sp, result, title=file.name), plot)
+        save(identification_figure(cut.op, cut.pv, cut.sp, result, title=name), plot)
         if not as_json:
             typer.echo(f"picture: {plot}")
 

@@ -34,8 +34,8 @@ def report(
         typer.Argument(
             metavar="SITE|STORE|FILE...",
             help="A site file (.toml), a historian (sqlite:///PATH, postgresql://... or a .sqlite "
-            "file), or recordings (CSV, Excel, Parquet or MATLAB, one loop each; a folder stands "
-            "for all in it).",
+            "file), or recordings (CSV, Excel, Parquet or MATLAB, of one loop or several; a folder "
+            "stands for all in it).",
         ),
     ],
     audience: Annotated[
@@ -150,12 +150,10 @@ def _loops(
         found = list_loops(url, settings=settings, progress=progress)
         return f"Work list of {name}", found
     files = _recordings(sources)
-    before = [file for file in files if partial and partial.find(file, period) is not None]
+    before = sum(partial.count(file, period) for file in files) if partial else 0
     if before:
-        typer.echo(
-            f"going on with an earlier run: {len(before)} of {len(files)} recordings are judged",
-            err=True,
-        )
+        are = "loop is" if before == 1 else "loops are"
+        typer.echo(f"going on with an earlier run: {before} {are} judged", err=True)
     workers = max(1, (os.cpu_count() or 1) - 1)
     found = judge_recordings(
         files,

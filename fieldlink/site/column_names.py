@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 __all__ = [
     "DATE_WORDS",
@@ -56,6 +57,10 @@ _QUALIFIERS = frozenset(
 )
 """Words behind a signal's name that say how it was stored: ``OUT.CV``, ``FC101.PV - Average``."""
 _QUALITY_WORDS = frozenset(("quality", "qual", "status", "state", "q", "qualitaet"))
+
+_TABLES_KNOWN = 4
+"""Headers of which the columns' meaning is kept: each of a table's loops, perhaps hundreds, asks
+for it again."""
 
 _SHOWN = 5
 """Headings that a sentence names."""
@@ -167,7 +172,7 @@ def _columns_by_loop(header: Sequence[str]) -> dict[str, dict[str, list[str]]]:
     """The headings of OP and PV by role, by loop; several where several are equally plain."""
     found: dict[str, dict[str, list[_Candidate]]] = {}
     for role in ("op", "pv"):
-        for candidate in _meant(role, header):
+        for candidate in _meant(role, tuple(header)):
             found.setdefault(candidate.loop, {}).setdefault(role, []).append(candidate)
     return {
         loop: {
@@ -202,7 +207,7 @@ def _of_loops(candidates: Sequence[_Candidate], loops: set[str]) -> list[_Candid
 def _candidates(role: str, header: Sequence[str]) -> list[_Candidate]:
     """The columns whose headings name a role in its plainest words."""
     # A heading that is the word itself is meant before one that has it beside others.
-    best = _plainest(_meant(role, header))
+    best = _plainest(_meant(role, tuple(header)))
     bare = [c for c in best if not c.loop]
     return bare if role == "time" and bare else best
 
@@ -212,7 +217,8 @@ def _plainest(candidates: Sequence[_Candidate]) -> list[_Candidate]:
     return [candidate for candidate in candidates if candidate.group == plainest]
 
 
-def _meant(role: str, header: Sequence[str]) -> list[_Candidate]:
+@lru_cache(maxsize=_TABLES_KNOWN * len(SIGNAL_WORDS))
+def _meant(role: str, header: tuple[str, ...]) -> tuple[_Candidate, ...]:
     """The columns whose headings name a role."""
     found = []
     for number, heading in enumerate(header):
@@ -222,7 +228,7 @@ def _meant(role: str, header: Sequence[str]) -> list[_Candidate]:
             if loop is not None:
                 found.append(_Candidate(number, group, loop))
                 break
-    return found
+    return tuple(found)
 
 
 def _split(heading: str) -> list[str]:

@@ -7,13 +7,13 @@ import io
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fieldlink.errors import FieldlinkError
 from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.errors import Problem
-from fieldlink.site.number_cells import may_group, plain_number
+from fieldlink.site.number_cells import find_decimal_mark, may_group, plain_number
 
 __all__ = ["CsvFile", "CsvRow", "fit_rows", "is_comment", "parse_rows", "read_csv", "read_text"]
 
@@ -68,6 +68,18 @@ class CsvFile:
     header_line: int
     rows: tuple[CsvRow, ...]
     under_header: tuple[CsvRow, ...] = ()
+    _marks: dict[int, str | None] = field(
+        init=False, repr=False, compare=False, default_factory=dict
+    )
+
+    def decimal_mark(self, column: int) -> str | None:
+        """Return the mark that begins decimals in a column, None where no cell tells.
+
+        It is found once: every loop of a table with hundreds asks for all columns.
+        """
+        if column not in self._marks:
+            self._marks[column] = find_decimal_mark(row.cells[column] for row in self.rows)
+        return self._marks[column]
 
     def number(self, cell: str) -> float:
         """Return a cell's number; a decimal comma counts when the separator is not the comma.

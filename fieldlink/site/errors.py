@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from fieldlink.errors import FieldlinkError
 from fieldlink.printable import as_printable, shortened
 
-__all__ = ["Problem", "RecordingError", "SiteError", "nearest"]
+__all__ = ["Problem", "RecordingError", "SiteError", "nearest", "several_loops"]
+
+_NAMED = 12
+"""Loops that a sentence names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,3 +71,22 @@ def nearest(name: str, known: Iterable[str]) -> str:
         return "there is none to choose from"
     shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     return f"use one of: {shown}"
+
+
+def several_loops(file: str, column: str, loops: Sequence[str], line: int | None = None) -> Problem:
+    """Return the problem of a file with several loops where one is wanted.
+
+    Args:
+        file: its path.
+        column: by which they are told apart; empty for loops side by side.
+        loops: their names.
+        line: of the header, 1-based.
+    """
+    more = ", ..." if len(loops) > _NAMED else ""
+    beside = "" if column else " side by side"
+    what = f"holds {len(loops)} loops{beside}: {', '.join(map(repr, loops[:_NAMED]))}{more}"
+    remedy = (
+        f"name one with --loop {loops[0]!r} (fieldlink identify, diagnose), or take all of them "
+        "with fieldlink diagnose, report or assess"
+    )
+    return Problem(file, column, what, remedy, line)

@@ -99,6 +99,7 @@ class _Values:
         self.tags = list(self._rows)
         self._cells = self._read_cells()
         self._seconds: Floats | None = None
+        self._mark: list[str | None] = []
 
     def rows(self, tag: str) -> NDArray[np.int64]:
         """Numbers of a tag's rows."""
@@ -167,7 +168,7 @@ class _Values:
         found = parse_numbers(
             [self._cells[row] for row in rows],
             comma_separates=self.file.separator == ",",
-            proven=lambda: find_decimal_mark(self._cells),
+            proven=self._proven_mark,
         )
         if found.wrong:
             index = next(iter(found.wrong))
@@ -179,6 +180,12 @@ class _Values:
                 "correct it, or leave the cell empty where the sample is bad",
                 self.file.rows[rows[index]].line,
             )
+
+    def _proven_mark(self) -> str | None:
+        # The same for every tag, of which there may be thousands.
+        if not self._mark:
+            self._mark.append(find_decimal_mark(self._cells))
+        return self._mark[0]
 
     def _named(self, role: str, name: str) -> str:
         if role == "time":

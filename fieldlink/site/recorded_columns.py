@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from fieldlink.site.column_names import guess_columns, loops_side_by_side, quality_columns
 from fieldlink.site.csv_file import CsvFile
 from fieldlink.site.dates_beside_times import join_dates
-from fieldlink.site.errors import Problem, nearest
-from fieldlink.site.number_cells import BAD, NumberCells, find_decimal_mark, parse_numbers
+from fieldlink.site.errors import Problem, nearest, several_loops
+from fieldlink.site.number_cells import BAD, NumberCells, parse_numbers
 from fieldlink.site.numbered_times import find_time_unit, is_plausible
 from fieldlink.site.quality_codes import find_good
 from fieldlink.site.recorded_table import holds_values, is_moment
@@ -99,13 +99,13 @@ class RecordedColumns:
         self._unsure = guess.unsure & guessed.keys()
         if not {"time"} & (asked | known.keys() | guessed.keys() | ambiguous.keys()):
             self._find_moments(guessed)
-        loops = loops_side_by_side(header)
+        is_open = not {"op", "pv"} & (asked | known.keys() | self._several)
+        if is_open and {"op", "pv"} & ambiguous.keys() and len(loops_side_by_side(header)) > 1:
+            self._report_loops_beside()
+            return found | guessed
         for role, names in ambiguous.items():
             if role not in asked and role not in self._several:
                 remedy = _remedy_of(role, names, f"choose one with --{role} {names[0]!r}")
-                if loops and role in ("op", "pv"):
-                    # Not every command has the option.
-                    remedy += " (fieldlink identify), or judge all loops with fieldlink assess"
                 message = f"several columns may be meant: {', '.join(names)}"
                 self.report(role, message, remedy, self._file.header_line)
         for one, other in combinations(sorted(known), 2):
@@ -125,6 +125,12 @@ class RecordedColumns:
             )
             self.notes.append(f"columns taken by their names: {taken}")
         return found | guessed
+
+    def _report_loops_beside(self) -> None:
+        """Report loops side by side of which none is meant more than the others."""
+        loops = list(loops_side_by_side(self._file.header))
+        place, line = str(self._file.path), self._file.header_line
+        self.problems.append(several_loops(place, "", loops, line))
 
     def _is_empty(self, column: int) -> bool:
         return not any(row.cells[column] for row in self._file.rows)
@@ -226,8 +232,7 @@ class RecordedColumns:
 
         def proven() -> str | None:
             others = (n for n in range(len(self._file.header)) if n != column)
-            found = {find_decimal_mark(row.cells[n] for row in self._file.rows) for n in others}
-            marks = found - {None}
+            marks = {self._file.decimal_mark(n) for n in others} - {None}
             return marks.pop() if len(marks) == 1 else None
 
         return parse_numbers(cells, comma_separates=self._file.separator == ",", proven=proven)

@@ -23,15 +23,13 @@ from numpy.typing import NDArray
 from fieldlink.file_at import is_pipe_or_device
 from fieldlink.site.bad_numbers import drop_bad_numbers
 from fieldlink.site.binary_tables import MIN_ROWS
-from fieldlink.site.column_names import loops_side_by_side, note_of_left_out
-from fieldlink.site.csv_file import CsvFile, CsvRow
-from fieldlink.site.errors import Problem, RecordingError
-from fieldlink.site.long_columns import find_long_columns
-from fieldlink.site.long_form import LoopTable, tables_by_loop
+from fieldlink.site.csv_file import CsvFile
+from fieldlink.site.errors import Problem, RecordingError, nearest
+from fieldlink.site.long_form import LoopTable
 from fieldlink.site.recorded_columns import RecordedColumns
-from fieldlink.site.recorded_table import read_recorded_table
+from fieldlink.site.recorded_loops import find_loops, refuse_several
+from fieldlink.site.recorded_table import RecordedTable, read_recorded_table
 from fieldlink.site.timestamps import Sampling
-from fieldlink.spreadsheet import from_cell
 
 __all__ = [
     "HIDDEN",
@@ -42,6 +40,7 @@ __all__ = [
     "NanRun",
     "Recording",
     "files_in",
+    "open_recordings",
     "read_recording",
     "read_recordings",
 ]
@@ -153,6 +152,7 @@ def read_recording(
     auto: str | None = None,
     time: str | None = None,
     period: float | None = None,
+    loop: str | None = None,
     needs_pv: bool = True,
 ) -> Recording:
     """Read a recorded loop.
@@ -163,51 +163,54 @@ def read_recording(
             that mean the same (`column_names`), of which only OP and PV must be there.
         period: seconds between rows; it counts more than the period of a time column, whose times
             still order the rows. Without either a row is a second.
+        loop: name of the loop in a file of several, in any case.
         needs_pv: whether a file without PV is refused; otherwise its PV is all NaN.
 
     Raises:
         RecordingError: naming the file, the row and the column, and what to do.
     """
     wanted = {"op": op, "pv": pv, "sp": sp, "auto": auto, "time": time}
-    table = read_recorded_table(Path(path), [name for name in wanted.values() if name is not None])
-    long = find_long_columns(table.file.header)
-    if long is not None:
-        tables = tables_by_loop(table.file, long, wanted, needs_pv=needs_pv)
-        if len(tables) > 1:
-            remedy = (
-                "name OP and PV of one (--op, --pv), or judge all of them with fieldlink assess"
-            )
-            raise _several(path, table.file.header[long.tag], list(tables), remedy)
-        (own,) = tables.values()
-        if isinstance(own, RecordingError):
-            raise own
-        notes = (*table.notes, *own.notes)
-        return _recording_of(own.file, own.wanted, period, needs_pv=needs_pv, notes=notes)
-    loops = list(_rows_by_loop(table.file))
-    if len(loops) > 1:
-        remedy = "keep the rows of one, or judge all of them with fieldlink assess"
-        raise _several(path, "loop", loops, remedy)
-    return _recording_of(table.file, wanted, period, needs_pv=needs_pv, notes=table.notes)
+    table = _table(path, wanted)
+    # Without a name the loop side by side is meant whose headings are plainest, if there is one.
+    loops = find_loops(table, wanted, needs_pv=needs_pv, beside=loop is not None)
+    if loop is not None:
+        return _read(loops[_named(table, list(loops), loop)], period, needs_pv=needs_pv)
+    refuse_several(table, list(loops))
+    (own,) = loops.values()
+    return _read(own, period, needs_pv=needs_pv)
 
 
-def _several(path: str | Path, column: str, loops: list[str], remedy: str) -> RecordingError:
-    more = ", ..." if len(loops) > 3 else ""
-    what = f"holds {len(loops)} loops: {', '.join(map(repr, loops[:3]))}{more}"
-    return RecordingError([Problem(str(path), column, what, remedy)])
-
-
-def read_recordings(
-    path: str | Path, columns: Mapping[str, str | None], period: float | None = None
-) -> Iterator[tuple[str, Recording]]:
-    """Read a file that may hold several loops.
-
-    They are told apart by a column ``loop`` or by tags (`long_form`), or stand side by side
-    (`loops_side_by_side`). What is wrong with one costs the others nothing.
+def open_recordings(
+    path: str | Path,
+    columns: Mapping[str, str | None],
+    period: float | None = None,
+    *,
+    needs_pv: bool = True,
+) -> dict[str, Callable[[], Recording]]:
+    """Open a file that may hold several loops (`recorded_loops`).
 
     Args:
         path: as for `read_recording`.
         columns: names of the columns by role (op, pv, sp, auto, time), None for the role's own.
         period: seconds between rows of a loop.
+        needs_pv: as for `read_recording`.
+
+    Returns:
+        By the loop's name, empty for the only loop of a file, what reads it. What is wrong with one
+        is a `RecordingError` of its own then, and costs the others nothing.
+
+    Raises:
+        RecordingError: see `read_recording`.
+    """
+    wanted = {role: columns.get(role) for role in ("op", "pv", "sp", "auto", "time")}
+    loops = find_loops(_table(path, wanted), wanted, needs_pv=needs_pv)
+    return {name: partial(_read, own, period, needs_pv=needs_pv) for name, own in loops.items()}
+
+
+def read_recordings(
+    path: str | Path, columns: Mapping[str, str | None], period: float | None = None
+) -> Iterator[tuple[str, Recording]]:
+    """Read all loops of a file, see `open_recordings`.
 
     Yields:
         The loop's name, empty for the only loop of a file, and its recording.
@@ -215,29 +218,37 @@ def read_recordings(
     Raises:
         RecordingError: see `read_recording`; of several loops behind the last one.
     """
-    wanted = {role: columns.get(role) for role in ("op", "pv", "sp", "auto", "time")}
-    table = read_recorded_table(Path(path), [name for name in wanted.values() if name is not None])
-    file, notes = table.file, table.notes
-    long = find_long_columns(file.header)
-    if long is not None:
-        yield from _long_recordings(tables_by_loop(file, long, wanted), period, notes)
-        return
-    loops: dict[str, tuple[CsvFile, Mapping[str, str | None]]] = {
-        name: (replace(file, rows=tuple(rows)), wanted)
-        for name, rows in _rows_by_loop(file).items()
-    }
-    if not loops and wanted["op"] is None and wanted["pv"] is None:
-        beside = loops_side_by_side(file.header)
-        loops = {name: (file, wanted | roles) for name, roles in beside.items()}
-        if beside:
-            count = _counted(len(beside), "loop")
-            notes = (*notes, f"one of {count} side by side", *note_of_left_out(file.header))
-    if not loops:
-        yield "", _recording_of(file, wanted, period, notes=notes)
-    yield from _each_or_problems(
-        (name, partial(_recording_of, own, named, period, notes=notes))
-        for name, (own, named) in loops.items()
-    )
+    yield from _each_or_problems(open_recordings(path, columns, period).items())
+
+
+def _table(path: str | Path, wanted: Mapping[str, str | None]) -> RecordedTable:
+    named = [name for name in wanted.values() if name is not None]
+    return read_recorded_table(Path(path), named)
+
+
+def _named(table: RecordedTable, loops: list[str], loop: str) -> str:
+    """The loop of a name in any case.
+
+    Raises:
+        RecordingError: there is none.
+    """
+    folded = {name.casefold(): name for name in reversed(loops)}
+    found = loop if loop in loops else folded.get(loop.strip().casefold())
+    if found is None or not found:
+        remedy = nearest(loop, [name for name in loops if name])
+        if loops == [""]:
+            remedy = "the file holds a single loop without a name: leave --loop out"
+        place = str(table.file.path)
+        raise RecordingError([Problem(place, loop, "no loop of that name", remedy)])
+    return found
+
+
+def _read(
+    own: LoopTable | RecordingError, period: float | None, *, needs_pv: bool = True
+) -> Recording:
+    if isinstance(own, RecordingError):
+        raise own
+    return _recording_of(own.file, own.wanted, period, needs_pv=needs_pv, notes=own.notes)
 
 
 def _each_or_problems(
@@ -258,30 +269,6 @@ def _each_or_problems(
             yield name, recording
     if problems:
         raise RecordingError(problems)
-
-
-def _long_recordings(
-    tables: Mapping[str, LoopTable | RecordingError],
-    period: float | None,
-    notes: tuple[str, ...],
-) -> Iterator[tuple[str, Recording]]:
-    def read(own: LoopTable | RecordingError) -> Recording:
-        if isinstance(own, RecordingError):
-            raise own
-        return _recording_of(own.file, own.wanted, period, notes=(*notes, *own.notes))
-
-    return _each_or_problems((name, partial(read, own)) for name, own in tables.items())
-
-
-def _rows_by_loop(file: CsvFile) -> dict[str, list[CsvRow]]:
-    """The rows of each loop that a column ``loop`` names; nothing without such a column."""
-    number = next((n for n, name in enumerate(file.header) if name.lower() == "loop"), None)
-    rows: dict[str, list[CsvRow]] = {}
-    if number is None:
-        return rows
-    for row in file.rows:
-        rows.setdefault(from_cell(row.cells[number]), []).append(row)
-    return rows
 
 
 def _recording_of(

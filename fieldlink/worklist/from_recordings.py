@@ -1,14 +1,18 @@
-"""The work list of recorded loops: one file a loop, each judged by the estimator now."""
+"""The work list of recorded loops, of files with one loop or several, judged by the estimator now.
+
+The files are read here, a loop at a time; worker processes judge. So no more is held than one file,
+and the newest part of the loops that are judged or in the list.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +21,7 @@ from estimator import EstimatorError, Interval
 from fieldlink.errors import FieldlinkError
 from fieldlink.one_window import keep_newest
 from fieldlink.printable import as_text
+from fieldlink.site.recorded_loops import distinct_names
 from fieldlink.worklist.finding import Cause, Finding, Wrong, finding_of_estimate
 from fieldlink.worklist.from_store import Diagnose, ReportedLoop
 from fieldlink.worklist.partial import PartialReport
@@ -29,8 +34,18 @@ if TYPE_CHECKING:
 
 __all__ = ["judge_recordings"]
 
-_Job = tuple[Path, float | None]
-"""A recording, and the seconds between its rows where they are given."""
+_AHEAD = 2
+"""Loops that are read ahead for each worker: none waits, and few are held at once."""
+
+_Opened = tuple[Path, "dict[str, Callable[[], Recording]] | str"]
+"""A file, and by loop what reads it; or why it cannot be read."""
+
+
+class _Place(NamedTuple):
+    """Where a loop is: its file, and its name where the file has several, else nothing."""
+
+    file: Path
+    loop: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,62 +70,108 @@ def judge_recordings(
     """Judge recordings and return their loops, the most urgent first.
 
     Args:
-        files: recordings, see `fieldlink.site.recording.read_recording`; a loop has the file's
-            name.
+        files: recordings, see `fieldlink.site.recording.open_recordings`; the only loop of a file
+            has the file's name, and of two of one name those of files with several are called by
+            their file too.
         settings: see `WorkListSettings`.
         period: seconds between rows; the files' own unless given.
         workers: processes that judge.
-        progress: called with a file's name, how many are done, and how many there are.
+        progress: called with a loop's name, how many are done, and how many are known so far.
         diagnose: see `fieldlink.worklist.list_loops`.
-        partial: gives the recordings that an earlier run has judged, and keeps those of this one.
+        partial: gives the loops that an earlier run has judged, and keeps those of this one.
 
     Raises:
         RecordingError: the only file cannot be used; one among others is a row that says so.
-        EstimatorError: the only file holds no window of a loop.
+        EstimatorError: the only loop of the only file holds no window of a loop.
     """
     chosen = settings or WorkListSettings()
+    files = list(dict.fromkeys(files))
     names = dict(zip(files, _names(files), strict=True))
+    opened: Iterable[_Opened] = ((file, _open_or_explain(file, period)) for file in files)
     if len(files) == 1:
-        progress(names[files[0]], 0, 1)
-        return [_reported(names[files[0]], _judge((files[0], period)), chosen, diagnose)]
-    found = []
-    with _judging([(file, period) for file in files], workers, partial) as results:
-        for number, (file, judged) in enumerate(results):
-            progress(names[file], number, len(files))
+        name, loops = names[files[0]], _open(files[0], period)
+        if len(loops) == 1:
+            progress(name, 0, 1)
+            (read,) = loops.values()
+            return [_reported(name, _judge(_newest(read)), chosen, diagnose)]
+        opened = [(files[0], loops)]
+    readings = _Readings(opened, len(files))
+    places, found = [], []
+    with _judging(readings, period, workers, partial) as results:
+        for number, (place, judged) in enumerate(results):
+            name = as_text(place.loop) or names[place.file]
+            progress(name, number, readings.known)
+            places.append((names[place.file], as_text(place.loop)))
             if isinstance(judged, str):
-                found.append(_unusable(names[file], judged, chosen))
+                found.append(_unusable(name, judged, chosen))
             else:
-                found.append(_reported(names[file], judged, chosen, diagnose))
+                found.append(_reported(name, judged, chosen, diagnose))
+    found = [_renamed(loop, tag) for loop, tag in zip(found, distinct_names(places), strict=True)]
     return sorted(found, key=lambda loop: (loop.row.urgency, loop.row.tag))
+
+
+class _Readings:
+    """The loops of files, read one after the other; a sentence in place of one that cannot be.
+
+    ``known`` is the number of loops known so far: a file is taken for one loop until it is open.
+    """
+
+    def __init__(self, opened: Iterable[_Opened], files: int) -> None:
+        self._opened = opened
+        self.known = files
+
+    def __iter__(self) -> Iterator[tuple[_Place, Recording | str]]:
+        for file, loops in self._opened:
+            if isinstance(loops, str):
+                yield _Place(file, ""), loops
+                continue
+            self.known += len(loops) - 1
+            for name, read in loops.items():
+                yield _Place(file, name if len(loops) > 1 else ""), _newest_or_explain(read)
 
 
 @contextmanager
 def _judging(
-    jobs: Sequence[_Job], workers: int, partial: PartialReport | None
-) -> Iterator[Iterator[tuple[Path, _Judged | str]]]:
+    readings: Iterable[tuple[_Place, Recording | str]],
+    period: float | None,
+    workers: int,
+    partial: PartialReport | None,
+) -> Iterator[Iterator[tuple[_Place, _Judged | str]]]:
     """Give the results as they come, in other processes where there are several.
 
-    What was judged before comes first; the others are on disk before they are given.
+    What was judged before is taken from there; the others are on disk before they are given.
     """
-    known = [] if partial is None else [(job, partial.find(*job)) for job in jobs]
-    before = [(job, kept) for job, kept in known if kept is not None]
-    left = [job for job in jobs if job not in {job for job, _ in before}]
 
-    def give(results: Iterable[tuple[_Job, _Judged | str]]) -> Iterator[tuple[Path, _Judged | str]]:
-        for job, kept in before:
-            yield job[0], _of_kept(job, kept)
-        for job, judged in results:
-            if partial is not None:
-                partial.keep(*job, _kept(judged))
-            yield job[0], judged
+    def keep(place: _Place, judged: _Judged | str) -> tuple[_Place, _Judged | str]:
+        if partial is not None:
+            partial.keep(place.file, period, _kept(judged), loop=place.loop)
+        return place, judged
 
-    if workers < 2 or not left:
-        yield give((job, _judge_or_explain(job)) for job in left)
+    def give(pool: ProcessPoolExecutor | None) -> Iterator[tuple[_Place, _Judged | str]]:
+        running: dict[Future[_Judged | str], _Place] = {}
+        for place, recording in readings:
+            kept = None if partial is None else partial.find(place.file, period, loop=place.loop)
+            if isinstance(recording, str):
+                yield place, recording
+            elif kept is not None:
+                yield place, _of_kept(recording, kept)
+            elif pool is None:
+                yield keep(place, _judge_or_explain(recording))
+            else:
+                running[pool.submit(_judge_or_explain, recording)] = place
+                if len(running) >= _AHEAD * workers:
+                    for done in wait(running, return_when=FIRST_COMPLETED).done:
+                        yield keep(running.pop(done), done.result())
+        while running:
+            for done in wait(running, return_when=FIRST_COMPLETED).done:
+                yield keep(running.pop(done), done.result())
+
+    if workers < 2:
+        yield give(None)
         return
-    with ProcessPoolExecutor(min(workers, len(left)), get_context("spawn")) as pool:
-        futures = {pool.submit(_judge_or_explain, job): job for job in left}
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         try:
-            yield give((futures[done], done.result()) for done in as_completed(futures))
+            yield give(pool)
         except BaseException:
             # Ctrl-C waits for the windows under way, not for those in the queue.
             pool.shutdown(wait=False, cancel_futures=True)
@@ -129,29 +190,39 @@ def _kept(judged: _Judged | str) -> dict[str, Any]:
     }
 
 
-def _of_kept(job: _Job, kept: Mapping[str, Any]) -> _Judged | str:
-    """Return a result again; the samples are read from the recording."""
+def _of_kept(recording: Recording, kept: Mapping[str, Any]) -> _Judged | str:
+    """Return a result again; the samples are those of the recording."""
     if "problem" in kept:
         return str(kept["problem"])
-    recording = _read(job)
     stem = None if kept["stem"] is None else np.asarray(kept["stem"], float)
     samples = _samples(recording, stem)
     return _Judged(samples, dict(kept["document"]), tuple(kept["notes"]))
 
 
 def _names(files: Sequence[Path]) -> list[str]:
-    """Return the files' names without ending; with the folder where two names are the same."""
-    stems = [file.stem for file in files]
-    return [
-        as_text(stem if stems.count(stem) == 1 else str(file.with_suffix("")))
-        for stem, file in zip(stems, files, strict=True)
-    ]
+    """Return the files' names without ending; with folder and ending where two are the same."""
+    found = [file.stem for file in files]
+    for longer in (lambda file: str(file.with_suffix("")), str):
+        found = [
+            name if found.count(name) == 1 else longer(file)
+            for name, file in zip(found, files, strict=True)
+        ]
+    return [as_text(name) for name in found]
 
 
-def _judge_or_explain(job: _Job) -> _Judged | str:
+def _renamed(loop: ReportedLoop, tag: str) -> ReportedLoop:
+    """The loop by a name that no other has, with a remark where that is not its own."""
+    row = loop.row
+    if row.tag == tag:
+        return loop
+    remark = f"{row.tag} is in more than one file: this one is called {tag}"
+    return replace(loop, row=replace(row, tag=tag, remarks=(*row.remarks, remark)))
+
+
+def _judge_or_explain(recording: Recording) -> _Judged | str:
     """Judge a recording; return a sentence where that fails, so that the others go on."""
     try:
-        return _judge(job)
+        return _judge(recording)
     except (FieldlinkError, EstimatorError) as error:
         return as_text(str(error))
 
@@ -164,18 +235,35 @@ def _unusable(name: str, problem: str, settings: WorkListSettings) -> ReportedLo
     return ReportedLoop(row, None, None, None, settings.span_of())
 
 
-def _read(job: _Job) -> Recording:
+def _open(file: Path, period: float | None) -> dict[str, Callable[[], Recording]]:
+    from fieldlink.site.recording import open_recordings
+
+    return open_recordings(file, {}, period)
+
+
+def _open_or_explain(file: Path, period: float | None) -> dict[str, Callable[[], Recording]] | str:
+    try:
+        return _open(file, period)
+    except FieldlinkError as error:
+        return as_text(str(error))
+
+
+def _newest(read: Callable[[], Recording]) -> Recording:
     from fieldlink.site.missing_rows import fill_missing_rows
-    from fieldlink.site.recording import read_recording
 
-    file, period = job
-    return keep_newest(fill_missing_rows(read_recording(file, period=period)))
+    return keep_newest(fill_missing_rows(read()))
 
 
-def _judge(job: _Job) -> _Judged:
+def _newest_or_explain(read: Callable[[], Recording]) -> Recording | str:
+    try:
+        return _newest(read)
+    except FieldlinkError as error:
+        return as_text(str(error))
+
+
+def _judge(recording: Recording) -> _Judged:
     from estimator import identify
 
-    recording = _read(job)
     result = identify(
         recording.op,
         recording.pv,

@@ -35,12 +35,30 @@ class PartialReport:
         self._known = self._read()
         self._open: IO[str] | None = None
 
-    def find(self, recording: Path, period: float | None) -> Any | None:
-        """Return what was kept of a recording, None where there is nothing or it has changed."""
-        return self._known.get(_key(recording, period))
+    def find(self, recording: Path, period: float | None, *, loop: str = "") -> Any | None:
+        """Return what was kept of a loop, None where there is nothing or its file has changed.
 
-    def keep(self, recording: Path, period: float | None, result: Mapping[str, Any]) -> None:
-        """Put a result on disk.
+        Args:
+            recording: the file.
+            period: seconds between its rows where they were given.
+            loop: name in a file of several, else empty.
+        """
+        return self._known.get(_key(recording, period, loop))
+
+    def count(self, recording: Path, period: float | None) -> int:
+        """Return of how many loops of a file results were kept."""
+        begin = _key(recording, period, "")
+        return sum(key == begin or key.startswith(f"{begin}\0") for key in self._known)
+
+    def keep(
+        self,
+        recording: Path,
+        period: float | None,
+        result: Mapping[str, Any],
+        *,
+        loop: str = "",
+    ) -> None:
+        """Put a result on disk, see `find`.
 
         Raises:
             ReportError: it cannot be written.
@@ -51,7 +69,7 @@ class PartialReport:
                 self._open = self._file.open("w" if begin else "a", encoding="utf-8")
                 # After a line that was cut off, the next one starts again.
                 self._open.write(json.dumps(self._head) + "\n" if begin else "\n")
-            line = {"recording": _key(recording, period), "result": result}
+            line = {"recording": _key(recording, period, loop), "result": result}
             self._open.write(json.dumps(line) + "\n")
             self._open.flush()
             os.fsync(self._open.fileno())
@@ -91,9 +109,10 @@ def _parse(line: str) -> dict[str, Any]:
     return parsed if isinstance(parsed, dict) else {}
 
 
-def _key(recording: Path, period: float | None) -> str:
+def _key(recording: Path, period: float | None, loop: str) -> str:
+    own = f"\0{loop}" if loop else ""
     try:
         state = recording.stat()
     except OSError:
-        return f"{recording.absolute()}\0absent"
-    return f"{recording.absolute()}\0{state.st_size}\0{state.st_mtime_ns}\0{period}"
+        return f"{recording.absolute()}\0absent{own}"
+    return f"{recording.absolute()}\0{state.st_size}\0{state.st_mtime_ns}\0{period}{own}"

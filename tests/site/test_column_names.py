@@ -61,8 +61,15 @@ def test_an_ambiguity_lists_the_candidates(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as caught:
         read_recording(file)
     said = str(caught.value)
-    assert "several columns may be meant: A.OP, B.OP; choose one with --op 'A.OP'" in said
+    assert "x.csv:1: holds 2 loops side by side: 'A', 'B'; name one with --loop 'A'" in said
+    assert "no column of that name" not in said
     assert read_recording(file, op="B.OP").pv[7] == 7.0
+    assert read_recording(file, loop="b").pv[7] == 7.0
+    with pytest.raises(RecordingError, match="C: no loop of that name; use one of: A, B"):
+        read_recording(file, loop="C")
+    other = write(tmp_path / "y.csv", "A.OP;B.OP;PV", "{k};1;2")
+    with pytest.raises(RecordingError, match=r"several columns may be meant: A\.OP, B\.OP"):
+        read_recording(other)
 
 
 def test_a_mode_in_numbers_and_a_date_without_time_are_left_out_with_a_note(

@@ -125,7 +125,7 @@ def test_a_value_that_is_missing_is_a_bad_sample(tmp_path: Path) -> None:
 def test_the_loops_of_a_file_are_told_apart_and_one_can_be_named(tmp_path: Path) -> None:
     path = tmp_path / "long.csv"
     text = table("Timestamp,Tag,Value", plain, values() + values(loop="FC102"))
-    with pytest.raises(RecordingError, match=r"Tag: holds 2 loops: 'FC101', 'FC102'; name OP and"):
+    with pytest.raises(RecordingError, match=r"Tag: holds 2 loops: 'FC101', 'FC102'; name one"):
         read(path, text)
     check(read(path, text, op="FC102.OP", pv="fc102.pv"))
     assert [name for name, _ in read_recordings(path, COLUMNS)] == ["FC101", "FC102"]

@@ -238,7 +238,7 @@ def test_bad_files_are_refused_with_place_and_remedy(
 def test_loops_of_one_table_are_not_taken_for_one(write: Write) -> None:
     text = "".join(f"{loop},{t},{t % 7},{t % 5}\n" for loop in ("FC1", "FC2") for t in range(60))
     path = write("loop,time,op,pv\n" + text)
-    with pytest.raises(RecordingError, match="2 loops: 'FC1', 'FC2'; keep the rows of one"):
+    with pytest.raises(RecordingError, match="2 loops: 'FC1', 'FC2'; name one with --loop 'FC1'"):
         read_recording(path)
     assert [(name, len(found)) for name, found in read_recordings(path, {})] == [
         ("FC1", 60),

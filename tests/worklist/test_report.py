@@ -241,13 +241,44 @@ def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(
     with (tmp_path / "list.html.partial").open("a") as file:
         file.write('{"recording": "cut o')
     again = run("report", tmp_path, "--json", "--out", out)
-    assert "going on with an earlier run: 2 of 3 recordings are judged" in again.stderr
+    assert "going on with an earlier run: 2 loops are judged" in again.stderr
     assert json.loads(again.stdout)["loops"] == [first, second, third]
     assert [path.name for path in tmp_path.glob("list*")] == ["list.html"]
     partial.keep(tmp_path / "FC7.csv", None, {"problem": "old"})
     partial.close()
     (tmp_path / "FC7.csv").touch()
     assert PartialReport(out).find(tmp_path / "FC7.csv", None) is None
+
+
+def test_loops_of_one_file_are_rows_and_a_report_that_was_ended_goes_on(tmp_path: Path) -> None:
+    op, pv = limit_cycle()
+    still = [f"40,{50 + k % 7},1" for k in range(op.size)]
+    rows = [f"{u:.6f},{y:.6f},{rest}" for u, y, rest in zip(op, pv, still, strict=True)]
+    wide = tmp_path / "mill.csv"
+    header = "FC7.OP,FC7.PV,FC8.OP,FC8.PV,FC9.OP,FC9.PV"
+    wide.write_text("\n".join([header, *(f"{row},x" for row in rows)]) + "\n")
+    loops = json.loads(run("report", wide, "--json").stdout)["loops"]
+    found = [(loop["tag"], loop["wrong"]) for loop in loops]
+    assert found == [("FC7", "sticky_valve"), ("FC8", "manual"), ("FC9", "unreadable")]
+    assert "'x' is not a number" in loops[2]["would_determine"][0]
+
+    def end_early(_name: str, _done: int, _all: int) -> None:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "list.html"
+    partial = PartialReport(out)
+    with pytest.raises(KeyboardInterrupt):
+        judge_recordings([wide], progress=end_early, partial=partial)
+    partial.close()
+    again = run("report", wide, "--json", "--out", out)
+    assert "going on with an earlier run: 1 loop is judged" in again.stderr
+    assert json.loads(again.stdout)["loops"] == loops
+
+    (tmp_path / "FC8.csv").write_text(f"op,pv\n{chr(10).join(row[:-2] for row in still)}\n")
+    both = judge_recordings([wide, tmp_path / "FC8.csv"])
+    assert {loop.row.tag for loop in both} == {"FC7", "FC8", "mill/FC8", "FC9"}
+    (renamed,) = (loop.row for loop in both if loop.row.tag == "mill/FC8")
+    assert "FC8 is in more than one file: this one is called mill/FC8" in renamed.remarks
 
 
 def test_a_recorded_mode_counts_as_in_a_diagnosis_and_a_packed_file_has_a_row(
