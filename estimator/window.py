@@ -139,6 +139,8 @@ def signal_of(name: str, values: ArrayLike) -> Array:
     """
     if np.iscomplexobj(values):
         raise EstimatorError(f"{name} is complex: give real numbers")
+    if _kind_of(values) in ("m", "M"):
+        raise EstimatorError(f"{name} holds times: give the samples' numbers")
     try:
         if isinstance(values, np.ma.MaskedArray):
             values = np.ma.filled(values.astype(np.float64), math.nan)
@@ -149,7 +151,10 @@ def signal_of(name: str, values: ArrayLike) -> Array:
                 "auto is not numeric: give 1 where the controller is in automatic and 0 elsewhere, "
                 "for instance mode == 'AUTO'"
             ) from error
-        raise EstimatorError(f"{name} is not numeric: {error}") from error
+        raise EstimatorError(
+            f"{name} is not numeric ({error}): give numbers, and NaN for what is none, for "
+            f"instance by pandas.to_numeric({name}, errors='coerce')"
+        ) from error
     if signal.ndim != 1:
         raise EstimatorError(
             f"{name} has shape {signal.shape}: give one row of samples, shape (n,)"
@@ -166,7 +171,8 @@ def signals_of(
     Series with an index (pandas) are not joined by it: theirs have to be equal.
 
     Raises:
-        EstimatorError: one is not a row of numbers, or has another length or index than OP.
+        EstimatorError: one is not a row of numbers, or has another length or index than OP; PV is
+            OP, sample by sample.
     """
     first = signal_of("op", op)
     found = {name: signal_of(name, one) for name, one in others.items() if one is not None}
@@ -177,6 +183,10 @@ def signals_of(
                 f"give every signal of the window with the same number of samples"
             )
     _compare_indexes({"op": op, **others})
+    same = "pv" in found and np.array_equal(first, found["pv"], equal_nan=True)
+    # two loops at rest may well hold the same number; what moves alike is one signal
+    if same and np.unique(first[np.isfinite(first)]).size > 1:
+        raise EstimatorError("op and pv are the same samples: give OP's and PV's own columns")
     return first, found
 
 
@@ -191,9 +201,9 @@ def period_of(period: float | None, *signals: ArrayLike | None) -> float:
     Raises:
         EstimatorError: not a number above zero, times in uneven steps, or times that contradict it.
     """
-    if period is not None and not (
-        isinstance(period, (int, float, np.number)) and 0.0 < period < math.inf
-    ):
+    # numpy counts a timedelta64 among its integers, and compares it with no number
+    is_number = isinstance(period, (int, float, np.number)) and _kind_of(period) != "m"
+    if period is not None and not (is_number and 0.0 < period < math.inf):
         raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
     times = next((found for one in signals if (found := _times_of(one)) is not None), None)
     if times is None or times.size < 2:
@@ -215,8 +225,13 @@ def _index_of(values: ArrayLike | None) -> Any:
     return None if index is None or callable(index) else index
 
 
+def _kind_of(values: Any) -> str:
+    """The letter of numpy's kind of numbers; empty for what has none, such as a list."""
+    return str(getattr(getattr(values, "dtype", None), "kind", ""))
+
+
 def _labels_of(index: Any) -> NDArray[Any]:
-    if getattr(getattr(index, "dtype", None), "kind", "") == "M":
+    if _kind_of(index) == "M":
         # with a time zone numpy would make objects of them
         return np.asarray(index.to_numpy(dtype="datetime64[ns]"))
     return np.asarray(index)
@@ -273,18 +288,18 @@ def _step_of(times: Array) -> float:
     return float((times[-1] - times[0]) / steps.size)
 
 
-def bridge(values: ArrayLike) -> Array:
-    """The samples with straight lines across the bad ones.
+def bridge(values: ArrayLike, name: str = "the signal") -> Array:
+    """The samples with straight lines across the bad ones; ``name`` is for messages.
 
     Raises:
         EstimatorError: not a row of samples, or none is finite.
     """
     x = np.asarray(values, dtype=np.float64)
     if x.ndim != 1:
-        raise EstimatorError(f"the signal has shape {x.shape}: give one row of samples, shape (n,)")
+        raise EstimatorError(f"{name} has shape {x.shape}: give one row of samples, shape (n,)")
     good = np.isfinite(x)
     if not good.any():
-        raise EstimatorError("the signal has no finite sample: map the right tag or column")
+        raise EstimatorError(f"{name} has no finite sample: map the right tag or column")
     if good.all():
         return x
     k = np.arange(x.size)

@@ -22,6 +22,8 @@ from estimator.diagnosis.oscillation import (
 )
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.faults import runs_of
+from estimator.monitoring.indices._signals import LEAST_SAMPLES
+from estimator.outcomes import EstimatorError
 from estimator.window import bridge, carry_on, period_of, signals_of
 
 __all__ = [
@@ -102,13 +104,20 @@ def loop_record(
     """Check the signals of a loop and bridge their holes; errors as `diagnose` has them."""
     period = period_of(period)
     recorded, given = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
-    u, good = bridge(recorded), np.isfinite(recorded)
+    if recorded.size < LEAST_SAMPLES:
+        raise EstimatorError(
+            f"a record of {recorded.size} samples is too short: give {LEAST_SAMPLES}, and 50 for "
+            f"the valve"
+        )
+    u, good = bridge(recorded, "op"), np.isfinite(recorded)
     if "pv" not in given:
         return LoopRecord(u, None, None, None, None, good, period)
-    y = bridge(given["pv"])
+    y = bridge(given["pv"], "pv")
     good &= np.isfinite(given["pv"])
     target = carry_on(given["sp"]) if "sp" in given else None
-    mode = given["auto"] > 0.0 if "auto" in given else None
+    mode = None
+    if "auto" in given:
+        mode = np.isfinite(given["auto"]) & (given["auto"] != 0.0)
     error = (target if target is not None else float(np.mean(y))) - y
     return LoopRecord(u, y, target, mode, np.asarray(error), good, period)
 

@@ -63,6 +63,7 @@ class Outcome:
 
     Attributes:
         loops, rows, errors: counts of the table.
+        outside: files or parts of loops with nothing between ``since`` and ``until``.
         seconds: this process took; judged: rows that it added.
         already: whether the run had been finished before.
     """
@@ -72,6 +73,7 @@ class Outcome:
     errors: int
     seconds: float
     judged: int
+    outside: int = 0
     already: bool = False
 
 
@@ -89,6 +91,7 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
         KeyboardInterrupt: what is done is kept.
     """
     begun = time.perf_counter()
+    _check_places(out, job)
     _make_folder(out)
     record = out / RECORD
     if os.path.isfile(record) and not os.path.exists(out / RUN_FILE):
@@ -97,21 +100,29 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
     try:
         run_file = RunFile(out / RUN_FILE)
         try:
-            # A run that was not planned to its end has nothing that is worth keeping.
+            # A run that was not planned to its end has nothing that is worth keeping; nor has one
+            # that read nothing, as with the wrong address of a scheduler: its options may change.
             planned = run_file.meta("planned")
             stored = run_file.meta("options") if planned else None
-            _agree(stored, job, out)
+            has_read = planned and run_file.counts().done > 0
+            if has_read:
+                _agree(stored, job, out)
             job = replace(job, sources=scout.start())
-            _agree(stored, job, out)
+            if has_read:
+                _agree(stored, job, out)
+            planned = planned and stored == json.loads(json.dumps(job.options()))
             if not planned:
                 run_file.set_meta("options", job.options())
                 run_file.plan(_told(_all_pieces(scout, job), progress))
             before = run_file.counts()
+            places = ", ".join(place.shown for place in job.places)
             if before.pieces == 0:
                 run_file.set_meta("planned", False)
-                places = ", ".join(place.shown for place in job.places)
                 raise AssessError(f"{places}: nothing to assess; name files, a folder or a store")
             _judge(job, run_file, choice, progress, before, scout)
+            if run_file.counts().rows == 0:
+                run_file.set_meta("planned", False)
+                raise AssessError(f"{places}: no samples between --since and --until; check them")
             outcome = _finish(job, run_file, out, begun, before)
         finally:
             run_file.close()
@@ -119,6 +130,30 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
         scout.close()
     (out / RUN_FILE).unlink()
     return outcome
+
+
+def _check_places(out: Path, job: Job) -> None:
+    """Refuse what would be read twice, and a folder of tables that is itself what is read."""
+    files = [place for place in job.places if place.kind == "files"]
+    known = {Path(os.path.realpath(place.where)): place for place in files}
+    for place in job.places:
+        if place.kind == "files":
+            where = Path(os.path.realpath(place.where))
+            above = [known[path] for path in where.parents if path in known]
+            twice = [*above, *([known[where]] if known[where] is not place else [])]
+        else:
+            twice = [one for one in job.places if one.where == place.where and one is not place]
+        if twice:
+            raise AssessError(
+                f"{place.shown} is given twice, also by {twice[0].shown}; its windows would count "
+                "twice: name it once"
+            )
+    # Folders of runs are left out where recordings are looked for.
+    if read := known.get(Path(os.path.realpath(out))):
+        raise AssessError(
+            f"{read.shown} is what is read; name a folder of its own with --out, which may be "
+            "inside it"
+        )
 
 
 def _make_folder(out: Path) -> None:
@@ -149,13 +184,21 @@ def _agree(stored: dict[str, Any] | None, job: Job, out: Path) -> None:
         elif isinstance(value, dict):
             before = stored.get(key) or {}
             names = [name for name, one in value.items() if before.get(name) != one]
-            change = f"another value of {names[0]} ({before.get(names[0])})"
+            change = f"another value of {names[0]} ({_shown(names[0], before.get(names[0]))})"
         else:
             change = f"other {key} ({_plain(stored.get(key))})"
         raise AssessError(
             f"the folder {out} holds a run with {change}; name another folder with --out, or "
             "remove this one"
         )
+
+
+def _shown(name: str, value: Any) -> str:
+    """An option as people write it: moments are kept as seconds."""
+    from fieldlink.assess.table_row import moment_text
+
+    is_moment = name in ("since", "until") and value is not None
+    return moment_text(value, dated=True) if is_moment else "none" if value is None else str(value)
 
 
 def _plain(value: Any) -> str:
@@ -261,7 +304,12 @@ def _finish(job: Job, run_file: RunFile, out: Path, begun: float, before: Counts
     write_tables(run_file, out)
     write_page(run_file, job, counts, out / "report.html")
     outcome = Outcome(
-        loops, counts.rows, counts.errors, time.perf_counter() - begun, counts.rows - before.rows
+        loops,
+        counts.rows,
+        counts.errors,
+        time.perf_counter() - begun,
+        counts.rows - before.rows,
+        run_file.pieces_without_rows(),
     )
     record = {"options": job.options(), **asdict(outcome)}
     try:

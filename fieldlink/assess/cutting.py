@@ -44,15 +44,19 @@ class Stretch(Protocol):
 
 
 def cut_windows(stretch: Stretch, piece: Piece, cut: Cut) -> Iterator[Series]:
-    """Yield the windows of a piece, equally spaced.
+    """Yield the windows of a piece, equally spaced; none where nothing of it was asked for.
 
     Raises:
-        ReadingError: dates are asked for and the recording has none, or nothing lies between them.
+        ReadingError: dates are asked for and the recording has none, or what lies between them is
+            too short for a window.
     """
     if not stretch.dated and (cut.since is not None or cut.until is not None):
         raise ReadingError(
             "the recording has no dates, so --since and --until cannot be applied; leave them out"
         )
+    if stretch.first >= _or(cut.until, math.inf) or stretch.last < _or(cut.since, -math.inf):
+        # Of a folder with a file a day, a week is asked for: the others are no errors.
+        return
     since = max(_or(piece.since, -math.inf), _or(cut.since, -math.inf), stretch.first)
     # A thousandth: the last sample is in, and stamps are kept to the millisecond.
     until = min(_or(piece.until, math.inf), _or(cut.until, math.inf), stretch.last + 1e-3)
@@ -66,6 +70,8 @@ def cut_windows(stretch: Stretch, piece: Piece, cut: Cut) -> Iterator[Series]:
             yield without_bad_values(window)
     if not found and piece.since is None and piece.until is None:
         where = " between --since and --until" if cut.since or cut.until else ""
+        if cut.every is not None:
+            where += f" in {cut.every:g} s (--every)"
         raise ReadingError(
             f"holds no {MIN_ROWS} samples in a row{where}; record for longer, or check the times"
         )

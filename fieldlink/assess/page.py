@@ -14,7 +14,7 @@ import numpy as np
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Cut, Job
 from fieldlink.assess.run_file import Counts, RunFile
-from fieldlink.assess.trends import Trend, thirty_days, trend_of
+from fieldlink.assess.trends import Trend, after_repair, thirty_days, trend_of
 from fieldlink.unfinished_file import write_whole
 
 __all__ = ["write_page"]
@@ -28,8 +28,9 @@ WINDOWS_DRAWN = 400
 """Of a loop, the newest: more than a year of days, more than the picture has pixels."""
 
 CLASSES = (
-    "loops whose valve sticks in at least half of their judged windows",
+    "loops whose valve sticks: in at least half of their judged windows, or in each of the newest",
     "loops whose valve sticks in fewer of them",
+    "loops whose valve stuck and no longer does in the newest three judged windows",
     "loops without stiction",
     "loops no window of which could show stiction",
     "loops with errors only",
@@ -44,11 +45,13 @@ class _Loop:
     rank: int
     name: str
     file: str
+    span: str
     sticky: int
     judged: int
     windows: int
     score: str
     band: str
+    seen: str
     slope: str
     cause: str
     action: str
@@ -73,7 +76,7 @@ def write_page(run_file: RunFile, job: Job, counts: Counts, target: Path) -> Non
         cut=_cut_in_words(job.cut),
         standing=[(name, classes.get(number, 0)) for number, name in enumerate(CLASSES)],
         ranked=[
-            _loop(rank, found, run_file.windows_of(found["file"], found["loop"], WINDOWS_DRAWN))
+            _loop(rank, found, run_file.windows_of(found["history"], found["loop"], WINDOWS_DRAWN))
             for rank, found in enumerate(run_file.ranked_loops(LOOPS_SHOWN), start=1)
         ],
         failed=run_file.errors(ERRORS_SHOWN),
@@ -93,16 +96,20 @@ def _loop(rank: int, found: Mapping[str, Any], windows: Sequence[Mapping[str, An
     sticky = [row for row in windows if row["verdict"] == "stiction"]
     judged = [row for row in windows if row["verdict"] is not None]
     last = judged[-1] if judged else None
+    days = [day for row in judged if (day := _day(row))]
+    more = found["files"] - 1
     return _Loop(
         rank=rank,
         name=found["loop"] or "",
-        file=found["file"],
+        file=found["file"] + (f" and {_counted(more, 'more file')}" if more else ""),
+        span=" to ".join(dict.fromkeys((days[0], days[-1]))) if days else "",
         sticky=found["sticky"] or 0,
         judged=found["judged"] or 0,
         windows=found["verdicts"] + found["errors"],
         score=_number(found["score"]),
         band=_band(sticky[-1]) if sticky else "",
-        slope=_slope(sticky),
+        seen=_day(sticky[-1]) if sticky and last is not sticky[-1] else "",
+        slope=_slope(after_repair(windows)),
         cause="" if last is None else last["cause"].replace("_", " "),
         action="" if last is None else last["action"],
         trend=trend_of(windows),
@@ -114,11 +121,16 @@ def _band(row: Mapping[str, Any]) -> str:
     return f"{_number(value)} [{_number(low)}, {_number(high)}]"
 
 
-def _slope(sticky: Sequence[Mapping[str, Any]]) -> str:
+def _day(row: Mapping[str, Any]) -> str:
+    """The day of a window; empty in a recording without dates."""
+    return str(row["start"][:10]) if row["start"].endswith("Z") else ""
+
+
+def _slope(windows: Sequence[Mapping[str, Any]]) -> str:
     dated = [
         (datetime.fromisoformat(row["start"]).timestamp(), row["stick_band"])
-        for row in sticky
-        if row["start"].endswith("Z") and row["stick_band"] is not None
+        for row in windows
+        if row["verdict"] == "stiction" and _day(row) and row["stick_band"] is not None
     ]
     slope = thirty_days(np.array(dated).reshape(-1, 2))
     return "" if slope is None else f"{slope[0]:+.3g} [{slope[1]:+.3g}, {slope[2]:+.3g}]"

@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from fieldlink.assess.errors import AssessError
+from fieldlink.assess.histories import history_of
 from fieldlink.assess.job import Piece
 from fieldlink.assess.table_row import COLUMNS, KEPT
+from fieldlink.assess.trends import NEWEST
 
 __all__ = ["Counts", "RunFile", "Task"]
 
@@ -32,32 +34,56 @@ CREATE TABLE IF NOT EXISTS windows (
 ) WITHOUT ROWID;
 """
 
-_STANDING = """
+_HISTORIES = """
+CREATE TEMP TABLE histories AS
+SELECT file, history_of(file, MIN(CASE WHEN start LIKE '%Z' THEN start END)) AS history
+FROM windows GROUP BY file;
+CREATE UNIQUE INDEX temp.history_of_file ON histories (file);
+CREATE INDEX temp.files_of_history ON histories (history);
+"""
+"""The files of which each history consists."""
+
+_IN_TIME = "CASE WHEN w.start LIKE '%Z' THEN w.start END {0}, w.piece {0}, w.number {0}"
+"""The order of a loop's windows: names of files need not be in that of time."""
+
+_STANDING = f"""
 CREATE TEMP TABLE standing AS
-SELECT file, loop,
+SELECT history, loop, file, files,
     CASE
-        WHEN sticky > 0 AND 2 * sticky >= judged THEN 0
+        WHEN sticky > 0 AND sticky_now = 0 THEN 2
+        WHEN sticky > 0 AND 2 * sticky >= judged OR sticky_now = {NEWEST} THEN 0
         WHEN sticky > 0 THEN 1
-        WHEN judged > 0 THEN 2
-        WHEN verdicts > 0 THEN 3
-        ELSE 4
+        WHEN judged > 0 THEN 3
+        WHEN verdicts > 0 THEN 4
+        ELSE 5
     END AS class,
-    score, sticky, judged, verdicts, errors, stick_band
+    score, sticky, judged, verdicts, errors
 FROM (
-    SELECT file, loop,
+    SELECT history, loop,
+        MIN(file) AS file,
+        COUNT(DISTINCT file) AS files,
         SUM(verdict = 'stiction') AS sticky,
-        SUM(verdict IN ('stiction', 'no_stiction')) AS judged,
+        SUM(verdict = 'stiction' AND newness <= {NEWEST}) AS sticky_now,
+        SUM(judged) AS judged,
         COUNT(verdict) AS verdicts,
         COUNT(error) AS errors,
-        AVG(score) AS score,
-        AVG(CASE WHEN verdict = 'stiction' THEN stick_band END) AS stick_band
-    FROM windows GROUP BY file, loop
+        AVG(score) AS score
+    FROM (
+        SELECT history, loop, file, verdict, judged, error, score,
+            ROW_NUMBER() OVER (
+                PARTITION BY history, loop, judged ORDER BY {_IN_TIME.format("DESC")}
+            ) AS newness
+        FROM (SELECT *, verdict IN ('stiction', 'no_stiction') AS judged FROM windows) AS w
+        JOIN temp.histories USING (file)
+    )
+    GROUP BY history, loop
 )
 """
-"""Loops are ranked by whether at least half of their judged windows call the valve sticky, then by
-whether any does, then by the mean evidence."""
+"""Loops are ranked by whether their valve sticks now (in each of the newest judged windows, or in
+half of all and not in none of the newest), then by whether it sticks at times, then by whether it
+did once; then by the mean evidence."""
 
-_RANKED = "s.class, s.score DESC NULLS LAST, s.file, s.loop"
+_RANKED = "s.class, s.score DESC NULLS LAST, s.history, s.loop"
 
 CACHE_KILOBYTES = 20_000
 """What SQLite may keep in memory, sorting included."""
@@ -108,6 +134,7 @@ class RunFile:
             self._db.execute("BEGIN EXCLUSIVE")
             self._db.execute("COMMIT")
             self._db.executescript(_SCHEMA)
+            self._db.create_function("history_of", 2, history_of)
             self._add_new_columns()
 
     def _add_new_columns(self) -> None:
@@ -172,19 +199,31 @@ class RunFile:
         ((rows, errors),) = self._read("SELECT COUNT(*), COUNT(error) FROM windows")
         return Counts(pieces, done or 0, rows, errors)
 
+    def pieces_without_rows(self) -> int:
+        """Count the pieces that were read and gave no row: nothing of them was asked for."""
+        query = (
+            "SELECT COUNT(*) FROM pieces WHERE done AND NOT EXISTS "
+            "(SELECT 1 FROM windows WHERE piece = id)"
+        )
+        ((found,),) = self._read(query)
+        return int(found)
+
     def rank(self) -> None:
         """Give every loop its place; `ranked_rows` and `ranked_loops` need it."""
         with self._explained():
-            self._db.execute("DROP TABLE IF EXISTS temp.standing")
+            for table in ("histories", "standing"):
+                self._db.execute(f"DROP TABLE IF EXISTS temp.{table}")
+            self._db.executescript(_HISTORIES)
             self._db.execute(_STANDING)
-            self._db.execute("CREATE INDEX temp.standing_by_loop ON standing (file, loop)")
+            self._db.execute("CREATE INDEX temp.standing_by_loop ON standing (history, loop)")
 
     def ranked_rows(self) -> Iterator[list[Any]]:
         """Yield all rows, best-ranked loop first, each loop in the order of time."""
         names = ", ".join(f"w.{column}" for column in COLUMNS)
         query = (
-            f"SELECT {names} FROM windows AS w JOIN temp.standing AS s "
-            f"ON w.file = s.file AND w.loop = s.loop ORDER BY {_RANKED}, w.piece, w.number"
+            f"SELECT {names} FROM windows AS w JOIN temp.histories AS h ON w.file = h.file "
+            "JOIN temp.standing AS s ON h.history = s.history AND w.loop = s.loop "
+            f"ORDER BY {_RANKED}, {_IN_TIME.format('')}"
         )
         with self._explained():
             for row in self._db.execute(query):
@@ -207,12 +246,12 @@ class RunFile:
         """Return how many loops are in each class of the ranking."""
         return dict(self._read("SELECT class, COUNT(*) FROM temp.standing GROUP BY class"))
 
-    def windows_of(self, file: str, loop: str, most: int) -> list[Row]:
+    def windows_of(self, history: str, loop: str, most: int) -> list[Row]:
         """Return the last windows of a loop, oldest first."""
         rows = self._dicts(
-            "SELECT * FROM windows WHERE file = ? AND loop = ? "
-            "ORDER BY piece DESC, number DESC LIMIT ?",
-            [file, loop, most],
+            "SELECT w.* FROM temp.histories AS h JOIN windows AS w ON w.file = h.file "
+            f"WHERE h.history = ? AND w.loop = ? ORDER BY {_IN_TIME.format('DESC')} LIMIT ?",
+            [history, loop, most],
         )
         return rows[::-1]
 

@@ -92,7 +92,11 @@ def without_bad_values(series: Series) -> Series:
 def without_repeats(series: Series) -> Series:
     """Of rows with the same time, the last one: a table may hold a moment twice."""
     is_last = np.append(np.diff(series.time) > 0.0, np.ones(min(1, len(series)), dtype=np.bool_))
-    return series if is_last.all() else series.part(is_last)
+    if is_last.all():
+        return series
+    count = int(np.count_nonzero(~is_last))
+    note = f"{count} rows have the moment of another, and the last one counts: a clock set back?"
+    return replace(series.part(is_last), notes=(*series.notes, note))
 
 
 def runs_in_order(series: Series) -> Iterator[Series]:

@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Mark", "Trend", "thirty_days", "trend_of"]
+__all__ = ["NEWEST", "Mark", "Trend", "after_repair", "thirty_days", "trend_of"]
 
 WIDTH, HEIGHT, EDGE = 180.0, 36.0, 3.0
 """Of the picture, in its own units; the template has the same."""
+
+NEWEST = 3
+"""Judged windows in a row that make a verdict a state of the valve, as in the work list."""
 
 FEWEST = 5
 """Windows for a slope: with fewer, Theil and Sen have no 90 % interval."""
@@ -66,6 +69,20 @@ def trend_of(windows: Sequence[Mapping[str, Any]]) -> Trend | None:
         lower.append(f"{x},{height(value if low is None else low)}")
     words = f"{len(sticky)} of {len(judged)} windows sticky; S from 0 to {top:.3g}"
     return Trend(" ".join(line), " ".join([*upper, *lower[::-1]]), tuple(marks), words)
+
+
+def after_repair(windows: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
+    """Return the windows behind the last repair, oldest first; all of them where there was none.
+
+    A repair is where a valve that stuck in some judged windows in a row sticks in none of as many,
+    as in the work list: what the stick band did before it says nothing of the valve as it is.
+    """
+    judged = [k for k, row in enumerate(windows) if row["verdict"] in ("stiction", "no_stiction")]
+    sticks = [windows[k]["verdict"] == "stiction" for k in judged]
+    for k in range(len(judged) - NEWEST, NEWEST - 1, -1):
+        if all(sticks[k - NEWEST : k]) and not any(sticks[k : k + NEWEST]):
+            return windows[judged[k] :]
+    return windows
 
 
 def thirty_days(course: NDArray[np.float64]) -> tuple[float, float, float] | None:

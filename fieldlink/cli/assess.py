@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 __all__ = ["assess"]
 
 ENGINES = ("local", "dask")
+
+_ADDRESS = re.compile(r"(\w+://)?[^/\s]+:\d+/?")
+"""A scheduler's: without a port its client fails late, and says a hundred lines."""
 
 STOPPED = 130
 """The exit status of a command that Ctrl-C ended, as shells have it."""
@@ -83,6 +87,11 @@ def assess(
         raise typer.BadParameter(
             f"{engine!r} is unknown; write local or dask", param_hint="--engine"
         )
+    if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
+        raise typer.BadParameter(
+            f"{scheduler!r} is no address; write one such as tcp://10.0.0.5:8786",
+            param_hint="--scheduler",
+        )
     if period is not None and not period > 0.0:
         raise typer.BadParameter("must be positive", param_hint="--period")
     if not 0.5 <= confidence <= 0.999:
@@ -138,6 +147,10 @@ def _print(outcome: Outcome, out: Path) -> None:
     if outcome.judged:
         found += f"; {outcome.judged} judged in {outcome.seconds:.0f} s"
     typer.echo(f"{out}: {found}")
+    if outcome.outside:
+        typer.echo(
+            f"  nothing between --since and --until: {outcome.outside} files or parts of loops"
+        )
     typer.echo("  loops.csv, loops.parquet: the ranked table; report.html: the same to read")
     typer.echo("  notes.csv: how files were read, where that is not plain")
 

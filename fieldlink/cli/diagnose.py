@@ -49,7 +49,10 @@ def diagnose(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
-    """Say why a loop swings, what to do about it, and which of many loops started it."""
+    """Say why a loop swings, what to do about it, and which of many loops started it.
+
+    The exit status is 1 when some of several recordings cannot be used.
+    """
     from fieldlink import diagnosing
 
     columns = diagnosing.Columns(op, pv, sp, auto, time, period)
@@ -83,6 +86,8 @@ def diagnose(
     if plot is not None and not as_json:
         said = f"picture: {plot}" if plant.groups else "no picture: no loops swing together"
         typer.echo(said)
+    if plant.refused and not sites:
+        raise typer.Exit(1)
 
 
 def _one(path: Path, columns: object, plot: Path | None, as_json: bool) -> None:

@@ -4,37 +4,22 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from fieldlink.cli import read_write
 from fieldlink.printable import as_printable
 
-if TYPE_CHECKING:
-    from fieldlink.links.base import Reading
-    from fieldlink.links.single_values import Point
-
 __all__ = ["next_step", "read_once", "run_trial", "say"]
 
 COUNTS_FASTER = 0.7
 """Share of the period below which the controller's cycle is another one, not a late reading."""
-SMALLEST, LARGEST = 1e-9, 1e12
-"""Sizes of measured values in engineering units. A float with exchanged registers has an exponent
-made of other bits: it is outside of them two times of three."""
 
 
 def say(text: str) -> None:
     """Print a line for a person, on stderr; its indent is kept."""
     indent = text[: len(text) - len(text.lstrip())]
     typer.echo(indent + as_printable(text.lstrip()), err=True)
-
-
-def _is_odd(point: Point, reading: Reading) -> bool:
-    """Whether a float looks as if its registers were exchanged; a true zero does not."""
-    if not point.tag.data_type.value.startswith("float") or not reading.good:
-        return False
-    return reading.value != 0.0 and not SMALLEST <= abs(float(reading.value)) <= LARGEST
 
 
 def read_once(out: Path) -> bool:
@@ -54,7 +39,11 @@ def read_once(out: Path) -> bool:
         return False
     for point, reading in zip(points, readings, strict=True):
         say(f"  {point.tag.name} = {read_write.value_text(point, reading)}")
-    odd = [p.tag.name for p, reading in zip(points, readings, strict=True) if _is_odd(p, reading)]
+    odd = [
+        point.tag.name
+        for point, reading in zip(points, readings, strict=True)
+        if read_write.is_odd(point, reading)
+    ]
     if odd:
         say(
             f"  {', '.join(odd)}: a value as small or large as this often has its registers in the "

@@ -67,15 +67,14 @@ def send_test(
 
 
 async def _send_all(receivers: Mapping[str, Receiver], notice: Notice) -> list[str]:
-    """Send to all at once; what is wrong with each, empty where it was taken."""
+    """Send to all at once; what is wrong with each, empty where all of it was taken."""
 
     async def send(receiver: Receiver) -> str:
         from fieldlink.notices import NoticeError
 
         try:
-            await receiver.send(notice)
+            return await receiver.send(notice)
         except NoticeError as error:
             return str(error)
-        return ""
 
     return list(await asyncio.gather(*map(send, receivers.values())))

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from fieldlink.links import Reading
     from fieldlink.links.single_values import Point
 
-__all__ = ["is_terminal", "read", "value_text", "write"]
+__all__ = ["is_odd", "is_terminal", "read", "value_text", "write"]
+
+SMALLEST, LARGEST = 1e-9, 1e12
+"""Sizes of measured values in engineering units. A float with exchanged registers has an exponent
+made of other bits: it is outside of them two times of three."""
 
 
 @takes_connection()
@@ -45,6 +49,7 @@ def read(
     shown: dict[str, object] = {}
     failed: list[LinkError] = []
     missing: list[Point] = []
+    odd: list[str] = []
     for name in dict.fromkeys(point.name for point in points):
         mine = [point for point in points if point.name == name]
         try:
@@ -56,10 +61,18 @@ def read(
             shown[point.tag.name] = _as_dict(point, reading)
             if not reading.was_read:
                 missing.append(point)
+            if is_odd(point, reading):
+                odd.append(point.tag.name)
             if not as_json:
                 typer.echo(f"{point.tag.name} = {value_text(point, reading)}   ({point.where})")
     if as_json and shown:
         typer.echo(json.dumps(shown))
+    if odd:
+        _warn(
+            f"{', '.join(odd)}: a value as small or large as this often has its registers in the "
+            "other order; if the operator's screen shows another value, change word_order of the "
+            "device, or order in the register map"
+        )
     if failed and not shown:
         raise failed[0]
     for problem in failed:
@@ -126,6 +139,13 @@ def write(
             "client that writes it",
         )
     typer.echo(f"written; it holds {value_text(point, after)} now")
+
+
+def is_odd(point: Point, reading: Reading) -> bool:
+    """Whether a float looks as if its registers were exchanged; a true zero does not."""
+    if not point.tag.data_type.value.startswith("float") or not reading.good:
+        return False
+    return reading.value != 0.0 and not SMALLEST <= abs(float(reading.value)) <= LARGEST
 
 
 def _point(target: str, text: str, connect: Connect) -> Point:

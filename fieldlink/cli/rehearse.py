@@ -67,10 +67,19 @@ def rehearse(
     paths = list(shipped_scenarios()) if run_all else []
     paths += [find_scenario(name) for name in scenarios or ()]
     if not paths:
+        if defect is not None or self_test or report is not None:
+            raise typer.BadParameter("name one, or give --all", param_hint="SCENARIO")
         _list([load_scenario(path) for path in shipped_scenarios()], console, as_json)
         return
     # All of them before the first: a slip in the last must not cost the run of the others.
     files = [load_scenario(path) for path in paths]
+    untested = [file.name for file in files if not file.scenario.scenario.defects]
+    if self_test and untested:
+        raise typer.BadParameter(
+            f"{', '.join(untested)} names no defect that must make it fail; add defects = [...] "
+            "below [scenario] (--inject list)",
+            param_hint="--self-test",
+        )
     runs = [
         run for file in files for run in _runs(file, defect, self_test, report, console, as_json)
     ]

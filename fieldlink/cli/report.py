@@ -60,7 +60,11 @@ def report(
     ] = None,
     op_span: Annotated[
         float | None,
-        typer.Option(min=1e-9, help="OP's span where no register map gives it; 100 unless given."),
+        typer.Option(
+            min=1e-9,
+            help="OP's span where no register map gives it; 100 unless given, or 1 of a "
+            "recording whose OP lies between 0 and 1.",
+        ),
     ] = None,
     period: Annotated[
         float | None, typer.Option(help="Seconds between rows of recordings.")
@@ -173,7 +177,14 @@ def _finding(_name: str, samples: WindowSamples) -> Finding | None:
 
     if samples.stem is not None:
         return None
-    found = diagnose(samples.op, samples.pv, samples.sp, period=samples.period, advice=False)
+    found = diagnose(
+        samples.op,
+        samples.pv,
+        samples.sp,
+        auto=samples.auto,
+        period=samples.period,
+        advice=False,
+    )
     return finding_of_diagnosis(found.to_dict()["causes"])
 
 
@@ -213,9 +224,7 @@ def _settings(limit: float | None, op_span: float | None) -> WorkListSettings:
     from fieldlink.worklist import WorkListSettings
 
     usual = WorkListSettings()
-    return WorkListSettings(
-        stick_band_limit=limit or usual.stick_band_limit, op_span=op_span or usual.op_span
-    )
+    return WorkListSettings(stick_band_limit=limit or usual.stick_band_limit, op_span=op_span)
 
 
 def _steps(say: Callable[[str], None]) -> Progress:

@@ -228,6 +228,7 @@ class LoopRunner:
             dropped_estimates=self.dropped,
             waiting=None if writer is None else writer.waiting,
             refusal="" if writer is None else writer.refusal,
+            unused="" if writer is None else writer.unused,
             block=None if writer is None else writer.block,
             in_use=None if writer is None else writer.compensates,
             may_write=writer is not None,

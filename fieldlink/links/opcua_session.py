@@ -133,14 +133,17 @@ class OpcuaSession:
             raise self._unreachable(f"no answer within {limit:g} s") from error
         except UaError as error:
             raise self._unreachable(status_of(error)) from error
-        except (OSError, ValueError) as error:
-            if isinstance(error, OSError) and error.filename is not None:
+        except OSError as error:
+            if error.filename is not None:
                 raise LinkUnreachableError(
                     self._name,
                     f"the file {error.filename} cannot be read: {error.strerror}",
                     "check its path and its permissions",
                 ) from error
-            raise self._unreachable(getattr(error, "strerror", None) or str(error)) from error
+            raise self._unreachable(error.strerror or str(error)) from error
+        except UNREADABLE as error:
+            said = str(error) or "it makes no sense"
+            raise self._unreachable(f"its answer cannot be read ({said})") from error
 
     async def read(self, nodes: Sequence[str]) -> list[NodeValue]:
         """Read values in one request."""

@@ -46,7 +46,14 @@ NOT_THERE = frozenset(
 )
 """Status codes that say that a node cannot be read, now or later, not that its value is bad."""
 
-UNREADABLE = (ValueError, TypeError, LookupError, AttributeError, struct.error)
+UNREADABLE = (
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    AssertionError,
+    struct.error,
+)
 """What asyncua raises, beside its own errors, over an answer that it cannot take apart."""
 
 _NO_STAMP_YEARS = (1970, 3000)

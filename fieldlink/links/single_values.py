@@ -195,7 +195,10 @@ def words_for(point: Point, text: str) -> list[int]:
     try:
         value = states[text.lower()] if text.lower() in states else float(text)
     except ValueError as error:
-        raise ByHandError(f"{text!r} is not a value for {tag.name} ({tag.data_type})") from error
+        raise ByHandError(
+            f"{text!r} is not a value for {tag.name} ({tag.data_type}); give a number such as 45.5"
+            + (", true or false" if tag.data_type is DataType.BOOL else "")
+        ) from error
     if not math.isfinite(value):
         raise RegisterValueError(f"{tag.name}: {text} is not a measured value; give a number")
     holds_whole = not tag.data_type.is_float and tag.data_type is not DataType.BOOL

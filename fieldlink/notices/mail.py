@@ -12,6 +12,7 @@ import smtplib
 import socket
 import ssl
 import threading
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from email.headerregistry import Address
 from email.message import EmailMessage
@@ -37,6 +38,14 @@ LONGEST_SUBJECT = 150
 """Characters: what the lists of mail programs show, and more."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What is wrong with a mail: nobody gets it, or some do not; empty where all is well."""
+
+    problem: str = ""
+    flaw: str = ""
+
+
 class MailReceiver:
     """Sends notices as mails.
 
@@ -52,22 +61,23 @@ class MailReceiver:
         self._settings, self._password, self._tls = settings, password, tls
         self.where = f"{settings.host}:{settings.port}"
 
-    async def send(self, notice: Notice) -> None:
+    async def send(self, notice: Notice) -> str:
         """Mail a notice; see `Receiver.send`."""
         loop = asyncio.get_running_loop()
-        done: asyncio.Future[str] = loop.create_future()
+        done: asyncio.Future[_Outcome] = loop.create_future()
 
-        def settle(problem: str) -> None:
+        def settle(outcome: _Outcome) -> None:
             if not done.done():
-                done.set_result(problem)
+                done.set_result(outcome)
 
         def work() -> None:
             try:
-                problem = self._deliver(_mail_of(notice, self._settings))
+                outcome = self._deliver(_mail_of(notice, self._settings))
             except Exception as error:  # noqa: BLE001  (the answer that `send` waits for)
-                problem = f"{self.where}: the mail cannot be sent ({type(error).__name__})"
+                said = f"{self.where}: the mail cannot be sent ({type(error).__name__})"
+                outcome = _Outcome(problem=said)
             try:
-                loop.call_soon_threadsafe(settle, problem)
+                loop.call_soon_threadsafe(settle, outcome)
             except RuntimeError:
                 # the daemon has ended meanwhile; its outbox tries again at the next start
                 return
@@ -75,50 +85,65 @@ class MailReceiver:
         threading.Thread(target=work, name="mail", daemon=True).start()
         try:
             async with asyncio.timeout(PATIENCE):
-                problem = await done
+                outcome = await done
         except TimeoutError as error:
             raise NoticeError(f"{self.where} took more than {PATIENCE:g} s for a mail") from error
-        if problem:
-            raise NoticeError(problem)
+        if outcome.problem:
+            raise NoticeError(outcome.problem)
+        return outcome.flaw
 
-    def _deliver(self, mail: EmailMessage) -> str:
-        """Deliver; return what is wrong in a sentence, empty where all is well."""
-        settings = self._settings
+    def _deliver(self, mail: EmailMessage) -> _Outcome:
+        """Deliver; return what is wrong."""
         try:
-            with self._connect() as server:
-                if settings.security == "starttls":
-                    server.starttls(context=self._tls)
-                if self._password is not None:
-                    assert settings.username is not None
-                    server.login(settings.username, self._password.reveal())
-                server.send_message(mail)
-        except smtplib.SMTPAuthenticationError as error:
-            return f"{self.where} refuses user name or password (SMTP {error.smtp_code})"
-        except smtplib.SMTPNotSupportedError:
-            return (
-                f"{self.where} does not offer what notify.mail asks for (STARTTLS or a login); "
-                "check security, port and username"
-            )
-        except smtplib.SMTPRecipientsRefused:
-            return f"{self.where} refuses every address in notify.mail.to; correct them"
-        except smtplib.SMTPResponseException as error:
-            return f"{self.where} refuses the mail (SMTP {error.smtp_code}); see its log"
-        except smtplib.SMTPException as error:
-            if isinstance(error.__context__, TimeoutError):
-                return f"{self.where} did not answer within {STEP_PATIENCE:g} s"
-            return f"{self.where} ended the connection before it took the mail"
-        except ssl.SSLCertVerificationError as error:
-            return f"{self.where}: {tls_words(error)}; {certificate_remedy(error, 'ca')}"
-        except TimeoutError:
-            return f"{self.where} did not answer within {STEP_PATIENCE:g} s"
-        except socket.gaierror:
-            return f"{self.where} cannot be reached: no address is known for its name; check host"
-        except UnicodeError:
-            return f"{self.where} cannot be reached: its name is not a host name; check host"
-        except OSError as error:
-            said = (error.strerror or "the connection was lost").lower()
-            return f"{self.where} cannot be reached: {said}; check host, port and network"
-        return ""
+            refused = self._hand_over(mail)
+        except (OSError, UnicodeError, smtplib.SMTPException) as error:
+            return _Outcome(problem=self._words_of(error))
+        if not refused:
+            return _Outcome()
+        who = ", ".join(f"{address} (SMTP {code})" for address, (code, _) in refused.items())
+        return _Outcome(flaw=f"{self.where} takes no mail for {who}; correct notify.mail.to")
+
+    def _hand_over(self, mail: EmailMessage) -> dict[str, tuple[int, bytes]]:
+        """Hand the mail to the server; return the addresses that it refuses beside others."""
+        settings = self._settings
+        with self._connect() as server:
+            if settings.security == "starttls":
+                server.starttls(context=self._tls)
+            if self._password is not None:
+                assert settings.username is not None
+                server.login(settings.username, self._password.reveal())
+            return server.send_message(mail)
+
+    def _words_of(self, error: Exception) -> str:
+        """Return in a sentence why nobody gets the mail."""
+        late = f"{self.where} did not answer within {STEP_PATIENCE:g} s"
+        match error:
+            case smtplib.SMTPAuthenticationError():
+                return f"{self.where} refuses user name or password (SMTP {error.smtp_code})"
+            case smtplib.SMTPNotSupportedError():
+                return (
+                    f"{self.where} does not offer what notify.mail asks for (STARTTLS or a login); "
+                    "check security, port and username"
+                )
+            case smtplib.SMTPRecipientsRefused():
+                return f"{self.where} refuses every address in notify.mail.to; correct them"
+            case smtplib.SMTPResponseException():
+                return f"{self.where} refuses the mail (SMTP {error.smtp_code}); see its log"
+            case smtplib.SMTPException():
+                if isinstance(error.__context__, TimeoutError):
+                    return late
+                return f"{self.where} ended the connection before it took the mail"
+            case ssl.SSLCertVerificationError():
+                return f"{self.where}: {tls_words(error)}; {certificate_remedy(error, 'ca')}"
+            case TimeoutError():
+                return late
+            case UnicodeError():
+                return f"{self.where} cannot be reached: its name is not a host name; check host"
+            case socket.gaierror():
+                said = "no address is known for its name; check host"
+                return f"{self.where} cannot be reached: {said}"
+        said = (getattr(error, "strerror", None) or "the connection was lost").lower()
+        return f"{self.where} cannot be reached: {said}; check host, port and network"
 
     def _connect(self) -> smtplib.SMTP:
         settings = self._settings

@@ -72,6 +72,7 @@ class Notifying:
     ) -> None:
         notify = site.file.notify
         assert notify is not None
+        self._site = site
         self._name, self._page, self._about = site.name, notify.page, notify.about
         self._receivers = receivers_of(site)
         self._reports = dict.fromkeys(self._receivers, ReceiverReport())
@@ -199,8 +200,10 @@ class Notifying:
             if delivery is None:
                 return failing
             report = self._reports[name]
+            if failing:
+                receiver = await self._read_again(name, receiver)
             try:
-                await receiver.send(delivery.notice)
+                flaw = await receiver.send(delivery.notice)
             except NoticeError as error:
                 is_last = await asyncio.to_thread(
                     self._outbox.failed, name, delivery, self._utc_ms()
@@ -225,4 +228,15 @@ class Notifying:
                 await asyncio.to_thread(self._outbox.delivered, name, delivery.number)
                 self._reports[name] = replace(report, delivered=report.delivered + 1)
                 self._tell("notice.delivered", name, delivery.notice.title)
+                if flaw:
+                    self._tell("notice.refused", name, flaw, bad=True)
                 failing = False
+
+    async def _read_again(self, name: str, receiver: Receiver) -> Receiver:
+        """Return a receiver with what its files hold now: a password may have been put right."""
+        try:
+            found = await asyncio.to_thread(receivers_of, self._site)
+        except NoticeError:
+            # what is wrong with the one in use is told already
+            return receiver
+        return found[name]

@@ -26,8 +26,11 @@ class Receiver(Protocol):
         """Its address as it may be shown: without secrets."""
         ...
 
-    async def send(self, notice: Notice) -> None:
+    async def send(self, notice: Notice) -> str:
         """Deliver a notice; may take as long as the settings allow.
+
+        Returns:
+            Who does not get it, in a sentence, where others do; else empty.
 
         Raises:
             NoticeError: it was not taken.

@@ -60,10 +60,11 @@ class WebHookReceiver:
             raise NoticeError(
                 f"{site_file}: notify.web_hook: not a web address; write https://HOST/PATH"
             )
-        if token is not None and parts.scheme == "http" and not is_loopback(host):
+        has_secret = token is not None or parts.password is not None
+        if has_secret and parts.scheme == "http" and not is_loopback(host):
             raise NoticeError(
-                f"{site_file}: notify.web_hook: the token would cross the network unencrypted; "
-                "use an https address"
+                f"{site_file}: notify.web_hook: the token or password would cross the network "
+                "unencrypted; use an https address"
             )
         if token is not None and not (token.reveal().isascii() and token.reveal().isprintable()):
             raise NoticeError(
@@ -77,7 +78,7 @@ class WebHookReceiver:
         shown = f"[{host}]" if ":" in host else host
         self.where = f"{parts.scheme}://{shown}" + ("" if port is None else f":{port}")
 
-    async def send(self, notice: Notice) -> None:
+    async def send(self, notice: Notice) -> str:
         """Post a notice; see `Receiver.send`."""
         httpx = self._httpx
         headers = {"User-Agent": "fieldlink"}
@@ -104,6 +105,7 @@ class WebHookReceiver:
             raise NoticeError(
                 f"{self.where} answered with HTTP status {status}; check address and token"
             )
+        return ""
 
 
 def _cause(error: Exception) -> str:

@@ -55,6 +55,7 @@ class Nodes:
         self._device_set: Any = None
         self._folders: dict[str, Any] = {}
         self._shown: dict[tuple[str, str], dict[str, Any]] = {}
+        self._out_of_sight: set[tuple[str, str]] = set()
 
     async def build(self) -> None:
         """Make the folders and what the companion specification needs."""
@@ -97,14 +98,32 @@ class Nodes:
                 await self._update(folder, name, entries, values)
         await self._write("UpdatedAt", _data("DateTime", document["time"], document["time"]))
 
+    @property
+    def out_of_sight(self) -> int:
+        """Objects whose nodes stay although the site does not have them any more."""
+        return len(self._out_of_sight)
+
     async def _drop(self, folder: str, names: Sequence[str]) -> None:
-        """Remove the objects that the site does not have any more."""
+        """Take out of sight the objects that the site does not have any more.
+
+        Their nodes stay, with a bad status, which tells subscribed clients: asyncua tells them
+        nothing of a node that is deleted, and stands still for a second over each such loop.
+        """
         kept = set(names)
+        entries = LOOP_VARIABLES if folder == "Loops" else DEVICE_VARIABLES
         for known in [known for known in self._shown if known[0] == folder]:
-            if known[1] not in kept:
-                node = self._server.get_node(ua.NodeId(_id_of(*known), 1))
-                await self._server.delete_nodes([node], recursive=True)
-                del self._shown[known]
+            if known[1] in kept:
+                continue
+            for entry in entries:
+                gone = _bad(ua.StatusCodes.BadNodeIdUnknown)
+                await self._write(_id_of(*known, entry.name), gone)
+                if entry.signal:
+                    await self._write(_id_of(*known, *entry.alias), gone)
+            node = ua.NodeId(_id_of(*known), 1)
+            for parent in (self._folders[folder], self._device_set):
+                await parent.delete_reference(node, ua.ObjectIds.Organizes)
+            del self._shown[known]
+            self._out_of_sight.add(known)
 
     async def _update(
         self, folder: str, name: str, entries: Sequence[Entry], values: Mapping[str, Any]
@@ -112,7 +131,13 @@ class Nodes:
         shown = self._shown.get((folder, name))
         if shown is None:
             shown = self._shown[folder, name] = {}
-            await self._add_object(folder, name, entries)
+            if (folder, name) in self._out_of_sight:
+                self._out_of_sight.discard((folder, name))
+                node = ua.NodeId(_id_of(folder, name), 1)
+                for parent in (self._folders[folder], self._device_set):
+                    await parent.add_reference(node, ua.ObjectIds.Organizes)
+            else:
+                await self._add_object(folder, name, entries)
         judged = values.get("JudgedAt")
         for entry in entries:
             value = values[entry.name]
@@ -186,14 +211,16 @@ def _data(kind: str, value: Any, moment: float | None) -> Any:
     if isinstance(value, list):
         value, code = value[0], ua.StatusCodes.Uncertain
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return ua.DataValue(
-            StatusCode=ua.StatusCode(ua.StatusCodes.BadWaitingForInitialData),
-            SourceTimestamp=datetime.now(UTC),
-        )
+        return _bad(ua.StatusCodes.BadWaitingForInitialData)
     source = datetime.now(UTC) if moment is None else datetime.fromtimestamp(moment, UTC)
     return ua.DataValue(
         _variant(kind, value), StatusCode=ua.StatusCode(code), SourceTimestamp=source
     )
+
+
+def _bad(code: int) -> Any:
+    """Return what stands for a value that there is none of."""
+    return ua.DataValue(StatusCode=ua.StatusCode(code), SourceTimestamp=datetime.now(UTC))
 
 
 def _variant(kind: str, value: Any) -> Any:

@@ -111,7 +111,7 @@ async def _serve() -> None:
     try:
         while line := await reader.readline():
             document = json.loads(line)
-            bound_memory(len(document["loops"]["names"]))
+            bound_memory(len(document["loops"]["names"]) + nodes.out_of_sight)
             await nodes.show(document)
             _tell(clients=len(server.bserver.clients))
     finally:

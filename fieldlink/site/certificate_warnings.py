@@ -1,4 +1,4 @@
-"""Certificates of OPC UA that are over, not begun, soon over, or none, for ``fieldlink check``."""
+"""Certificates that are over, not begun, soon over, or none, for ``fieldlink check``."""
 
 from __future__ import annotations
 
@@ -23,14 +23,26 @@ def find_certificate_warnings(site: Site) -> Iterator[str]:
     """
     if find_spec("cryptography") is None:
         return
+    for what, file, remedy in _certificates(site):
+        if file is not None and (fault := _fault_of(site.resolve(file))):
+            yield f"{what} {file} {fault}; {remedy}"
+
+
+def _certificates(site: Site) -> Iterator[tuple[str, Path | None, str]]:
+    """Yield each certificate that the site names: what it is, its file, and what to do about it."""
     for name, device in site.devices.items():
-        for key, remedy in (
-            ("cert", "the server may refuse it: make a new one, and let the server trust it"),
-            ("server_cert", "it is still believed: have the server given a new one, and put it in"),
-        ):
-            file: Path | None = getattr(device.opcua, key)
-            if file is not None and (fault := _fault_of(site.resolve(file))):
-                yield f"device {name}: {key} {file} {fault}; {remedy}"
+        made = "the server may refuse it: make a new one, and let the server trust it"
+        yield f"device {name}: cert", device.opcua.cert, made
+        put = "it is still believed: have the server given a new one, and put it in"
+        yield f"device {name}: server_cert", device.opcua.server_cert, put
+        if device.tls is not None:
+            yield f"device {name}: tls.cert", device.tls.cert, "the device may refuse it: renew it"
+    yield "web.tls_certificate", site.web.tls_certificate, "browsers refuse it: renew it"
+    if (mqtt := site.file.mqtt) is not None and mqtt.tls is not None:
+        yield "mqtt.tls.cert", mqtt.tls.cert, "the broker may refuse it: renew it"
+    if (server := site.file.opcua_server) is not None:
+        remedy = "clients may refuse it: renew it, and start the daemon again"
+        yield "opcua_server.cert", server.cert, remedy
 
 
 def _fault_of(file: Path) -> str:

@@ -13,6 +13,7 @@ from fieldlink.site.copied_loops import find_copies
 from fieldlink.site.folded_warnings import Warned, fold, shown
 from fieldlink.site.missing_rows import contradicts_clock
 from fieldlink.site.models import Loop
+from fieldlink.site.reach_warnings import find_reach_warnings
 from fieldlink.site.recording import read_recording
 
 __all__ = ["find_apart_tags", "find_warnings"]
@@ -52,7 +53,11 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
     yield from fold(
         warned
         for name, loop in site.loops.items()
-        for warned in (*_loop_warnings(name, loop), *_recording_warnings(site, name, loop))
+        for warned in (
+            *_loop_warnings(name, loop),
+            *find_reach_warnings(site, name, loop),
+            *_recording_warnings(site, name, loop),
+        )
     )
     yield from find_copies(site)
 

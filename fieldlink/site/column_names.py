@@ -21,6 +21,7 @@ __all__ = [
     "ColumnGuess",
     "guess_columns",
     "loops_side_by_side",
+    "note_of_left_out",
     "quality_columns",
 ]
 
@@ -55,6 +56,9 @@ _QUALIFIERS = frozenset(
 )
 """Words behind a signal's name that say how it was stored: ``OUT.CV``, ``FC101.PV - Average``."""
 _QUALITY_WORDS = frozenset(("quality", "qual", "status", "state", "q", "qualitaet"))
+
+_SHOWN = 5
+"""Headings that a sentence names."""
 
 PANDAS_INDEX = "__index_level_0__"
 """What pandas calls an index without a name in a Parquet file; of moments, it is the time."""
@@ -124,29 +128,58 @@ def guess_columns(header: Sequence[str], named: Mapping[str, int]) -> ColumnGues
     return ColumnGuess(columns, ambiguous, frozenset(unsure))
 
 
-def loops_side_by_side(header: Sequence[str]) -> dict[str, dict[str, str]]:
+def loops_side_by_side(header: Sequence[str], *, alone: bool = False) -> dict[str, dict[str, str]]:
     """Return the loops of a table with several beside each other, such as ``A.OP,A.PV,B.OP,B.PV``.
 
     Args:
         header: the headings.
+        alone: whether a loop counts that is the only one; otherwise only one beside which another
+            has OP or PV.
 
     Returns:
-        The headings of op and pv by role, by loop in the order of the table; nothing where fewer
-        than two loops have one OP and one PV, or one loop has no name.
+        The headings of op and pv by role, by loop in the order of the table; nothing where no loop
+        has one OP and one PV, or one has no name.
     """
+    found = _columns_by_loop(header)
+    if "" in found:
+        return {}
+    loops = {
+        _as_written(key, own["op"][0]): {role: names[0] for role, names in own.items()}
+        for key, own in found.items()
+        if _is_whole(own)
+    }
+    return loops if alone or len(found) > 1 else {}
+
+
+def note_of_left_out(header: Sequence[str]) -> tuple[str, ...]:
+    """Return a sentence on the columns of OP that `loops_side_by_side` leaves out, if there are."""
+    names = [
+        name
+        for own in _columns_by_loop(header).values()
+        if not _is_whole(own)
+        for name in own.get("op", ())
+    ]
+    shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
+    return (f"left out, not one OP with one PV: {shown}",) if names else ()
+
+
+def _columns_by_loop(header: Sequence[str]) -> dict[str, dict[str, list[str]]]:
+    """The headings of OP and PV by role, by loop; several where several are equally plain."""
     found: dict[str, dict[str, list[_Candidate]]] = {}
     for role in ("op", "pv"):
         for candidate in _meant(role, header):
             found.setdefault(candidate.loop, {}).setdefault(role, []).append(candidate)
-    if "" in found:
-        return {}
-    loops: dict[str, dict[str, str]] = {}
-    for key, own in found.items():
-        best = {role: _plainest(candidates) for role, candidates in own.items()}
-        if [len(best.get(role, ())) for role in ("op", "pv")] == [1, 1]:
-            roles = {role: header[candidates[0].number] for role, candidates in best.items()}
-            loops[_as_written(key, roles["op"])] = roles
-    return loops if len(loops) > 1 else {}
+    return {
+        loop: {
+            role: [header[one.number] for one in _plainest(candidates)]
+            for role, candidates in own.items()
+        }
+        for loop, own in found.items()
+    }
+
+
+def _is_whole(own: Mapping[str, Sequence[str]]) -> bool:
+    return [len(own.get(role, ())) for role in ("op", "pv")] == [1, 1]
 
 
 def _as_written(loop: str, heading: str) -> str:

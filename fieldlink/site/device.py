@@ -6,8 +6,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from fieldlink.registers import ORDERS
 from fieldlink.site.base import Model
 from fieldlink.site.host import find_fault_of_host, one_name
 from fieldlink.site.opcua import OPCUA_PORT, OpcuaSettings
@@ -171,6 +172,17 @@ class Device(Model):
         if self.is_opcua:
             return (host, self.port, self.opcua.path)
         return (host, self.port, self.unit) if self.is_modbus else ()
+
+    @field_validator("word_order", "byte_order", mode="before")
+    @classmethod
+    def _is_one_order(cls, order: object) -> object:
+        """Explain the name that manuals give to both orders, such as CDAB."""
+        if isinstance(order, str) and (pair := ORDERS.get(order.upper())) is not None:
+            raise ValueError(
+                f'{order} names two orders; write word_order = "{pair[0]}" and '
+                f'byte_order = "{pair[1]}"'
+            )
+        return order
 
     @model_validator(mode="after")
     def _complete(self) -> Self:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.column_names import guess_columns, loops_side_by_side
+from fieldlink.site.column_names import guess_columns, loops_side_by_side, note_of_left_out
 from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import Problem, RecordingError, nearest
 from fieldlink.site.long_columns import LongColumns
@@ -69,8 +69,9 @@ def tables_by_loop(
     """
     values = _Values(file, columns)
     if wanted.get("op") is None and wanted.get("pv") is None:
-        beside = loops_side_by_side(values.tags)
+        beside = loops_side_by_side(values.tags, alone=True)
         if beside:
+            values.notes.extend(note_of_left_out(values.tags))
             return {
                 name: _table_or_error(values, {**wanted, **tags}) for name, tags in beside.items()
             }

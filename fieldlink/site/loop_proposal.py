@@ -27,7 +27,11 @@ _WORDS: Mapping[str, tuple[frozenset[str], ...]] = {
         role: tuple(frozenset(group.split()) for group in SIGNAL_WORDS[name])
         for role, name in (("op", "op"), ("pv", "pv"), ("sp", "sp"), ("mode", "auto"))
     },
-    "scan": (frozenset({"scan", "scancounter", "cyclecounter"}),),
+    "scan": (
+        frozenset(
+            {"scan", "scancount", "scancounter", "cyclecount", "cyclecounter", "zykluszaehler"}
+        ),
+    ),
     # The control variable (OP) with some makers, the controlled variable (PV) with others.
     "cv": (frozenset({"cv"}),),
 }

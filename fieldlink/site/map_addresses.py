@@ -12,7 +12,7 @@ addresses such as ``4x0101``, else a hexadecimal number.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -45,10 +45,19 @@ class FoundAddress:
     registers: int | None = None
 
 
-def guess_style(cells: Iterable[str]) -> AddressStyle:
-    """Return ``modicon`` when most addresses are written so, else ``zero``."""
-    texts = [_first_of(cell).split(".")[0].strip() for cell in cells if cell.strip()]
-    alike = [text for text in texts if _MODICON.fullmatch(text)]
+def guess_style(cells: Iterable[str], of_numbers: Container[str] = ()) -> AddressStyle:
+    """Return ``modicon`` when most addresses are written so, else ``zero``.
+
+    ``of_numbers`` are the cells whose rows hold numbers: 12288 of an int16 is no discrete input.
+    """
+    given = [cell for cell in cells if cell.strip()]
+    texts = [_first_of(cell).split(".")[0].strip() for cell in given]
+    alike = [
+        text
+        for cell, text in zip(given, texts, strict=True)
+        if (found := _MODICON.fullmatch(text))
+        and not (cell in of_numbers and _TABLES[found[1]].is_bits)
+    ]
     if texts and len(alike) >= MOST * len(texts) and not all(map(_PREFIXED.fullmatch, alike)):
         return "modicon"
     return "zero"

@@ -9,8 +9,9 @@ Headings and cells are understood in the words of `map_words`, addresses as in `
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from fieldlink.registers import DataType, Order, Tag
@@ -28,6 +29,10 @@ from fieldlink.spreadsheet import from_cell
 __all__ = ["ImportedMap", "import_map"]
 
 _HEADER_WITHIN = 30
+_NUMBERS = [item.value for item in DataType if item.is_number]
+_ROWS_OF_PLACES = 3
+"""Rows from which numbers that only grow are places: two offsets may well be in order."""
+_PLACE = re.compile(r"\d+(?:[.,]\d)?")
 _LONG_TEXT = re.compile(r"(?:string|char|ascii|text)\s*[\[(]?(\d+)[\])]?", re.IGNORECASE)
 
 
@@ -89,7 +94,13 @@ def import_map(
     columns, notes = _columns(path, table, named)
     texts = [cells[columns["address"]] for _, cells in table.rows]
     heading = table.header[columns["address"]]
-    style = addresses or ("hex" if says_hexadecimal(heading) else guess_style(texts))
+    of_numbers = [
+        cells[columns["address"]]
+        for _, cells in table.rows
+        if meaning_of("type", cells[columns["type"]]) in _NUMBERS
+    ]
+    guessed: AddressStyle = "hex" if says_hexadecimal(heading) else guess_style(texts, of_numbers)
+    style = addresses or guessed
     notes.append(_about(style, guessed=addresses is None))
     rows: list[tuple[int, RowReader]] = []
     early: list[Problem] = []
@@ -191,6 +202,12 @@ def _columns(
             if heading:
                 notes.append(f"column {heading!r} is left out")
             continue
+        if column == "offset" and _counts_up(cells[number] for _, cells in table.rows):
+            notes.append(
+                f"column {heading!r} counts up row by row, as places in a data block do, and is "
+                f"left out; if it is added to the values, give --column offset={heading!r}"
+            )
+            continue
         columns[column] = number
         if heading != column:
             notes.append(f"column {heading!r} is taken as {column}")
@@ -208,6 +225,15 @@ def _columns(
     if problems:
         raise SiteError(problems)
     return columns, notes
+
+
+def _counts_up(cells: Iterable[str]) -> bool:
+    """Whether every cell is a number above that of the row before: 0.0, 4.0, 8.0 of a DB."""
+    texts = [cell.strip() for cell in cells]
+    if len(texts) < _ROWS_OF_PLACES or not all(map(_PLACE.fullmatch, texts)):
+        return False
+    places = [tuple(map(int, text.replace(",", ".").split("."))) for text in texts]
+    return all(before < after for before, after in pairwise(places))
 
 
 def _named_columns(path: Path, table: _Sheet, headings: Mapping[str, str]) -> dict[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
@@ -87,7 +88,7 @@ class RowReader:
         table = self._choice("table", {item.value: item for item in Table}, Table.HOLDING)
         data_type = self._choice("type", {item.value: item for item in DataType}, None)
         address = self._address()
-        scale, offset = self._scaling()
+        scale, offset = self._scaling(data_type)
         low, high = self._number("low", None), self._number("high", None)
         clamp = self._choice("outside", {"bad": False, "clamp": True}, False)
         writable = self._choice("writable", _BOOLEANS, False)
@@ -156,7 +157,7 @@ class RowReader:
                 if self._cell(column):
                     self.report(column, "a string is not a number", "leave it empty")
 
-    def _scaling(self) -> tuple[float, float]:
+    def _scaling(self, data_type: DataType | None) -> tuple[float, float]:
         """Return scale and offset, given as such or by two points."""
         scale, offset = self._number("scale", 1.0), self._number("offset", 0.0)
         if scale == 0.0:
@@ -178,6 +179,11 @@ class RowReader:
         if raw_low == raw_high or eng_low == eng_high:
             self.report("raw_low", "both points are the same", "give two that differ in both")
             return 1.0, 0.0
+        small, large = (-math.inf, math.inf) if data_type is None else data_type.bounds
+        for column, raw in (("raw_low", raw_low), ("raw_high", raw_high)):
+            if not small <= raw <= large:
+                message = f"{raw:.10g} is no count of {data_type} ({small:.10g} to {large:.10g})"
+                self.report(column, message, "correct it or the type")
         slope = (eng_high - eng_low) / (raw_high - raw_low)
         offset = eng_low - slope * raw_low
         if not self._is_usable("raw_low", slope, offset):

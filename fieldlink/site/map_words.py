@@ -13,7 +13,8 @@ _COLUMNS: Mapping[str, str] = {
     "table": "table registertype area objecttype function functioncode fc modbusfunction "
     "memoryarea modbustype regtype",
     "address": "address addr register registeraddress registernumber registerno reg regno "
-    "modbusaddress modbusregister startaddress startregister adresse",
+    "modbusaddress modbusregister startaddress startregister adresse modbusadresse "
+    "registeradresse registernummer",
     "type": "type datatype format dataformat vartype valuetype datentyp",
     "bit": "bit bitno bitnumber bitposition",
     "length": "length registers numberofregisters noofregisters count words size quantity qty",

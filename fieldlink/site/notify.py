@@ -55,10 +55,12 @@ class WebHookSettings(Model):
         if self.url is not None:
             _refuse_bad_address("url", self.url)
             parts = urlsplit(self.url)
-            has_token = self.token_file is not None or self.token_variable is not None
-            if has_token and parts.scheme == "http" and not is_loopback(parts.hostname or ""):
+            has_secret = self.token_file is not None or self.token_variable is not None
+            has_secret |= parts.password is not None
+            if has_secret and parts.scheme == "http" and not is_loopback(parts.hostname or ""):
                 raise ValueError(
-                    "the token would cross the network unencrypted; use an https address"
+                    "the token or password would cross the network unencrypted; use an https "
+                    "address"
                 )
         return self
 
@@ -140,6 +142,11 @@ class NotifySettings(Model):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         _refuse_bad_address("page", self.page)
+        parts = urlsplit(self.page)
+        if parts.query or parts.fragment or parts.username is not None:
+            raise ValueError(
+                "page has a user name, a ? or a #, and links begin with it; write https://HOST/PATH"
+            )
         if self.web_hook is None and self.mail is None:
             raise ValueError("no receiver is named; add the table web_hook or mail")
         return self

@@ -20,7 +20,7 @@ from fieldlink.site.row_order import Rows, put_in_order
 from fieldlink.site.times import NoClockError, Times
 from fieldlink.site.timestamps import Sampling, parse_times, sampling_of
 
-__all__ = ["RecordedColumns"]
+__all__ = ["RecordedColumns", "is_own_export", "means_automatic"]
 
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
@@ -32,6 +32,17 @@ _LOOKED_AT = 20
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, int | None]
+
+
+def is_own_export(header: Sequence[str]) -> bool:
+    """Whether a table is an export of our own historian: there 0 is a good quality."""
+    return set(header) >= _OWN_EXPORT
+
+
+def means_automatic(cell: str) -> bool | None:
+    """Whether a word means automatic, False for manual; None for any other text."""
+    word = cell.lower()
+    return True if word in _TRUE else False if word in _FALSE else None
 
 
 class RecordedColumns:
@@ -233,7 +244,7 @@ class RecordedColumns:
             name = self._file.header[number]
             cells = [row.cells[number] for row in self._file.rows]
             # In an export of our own historian 0 is good, and every other code is not.
-            own = set(self._file.header) >= _OWN_EXPORT
+            own = is_own_export(self._file.header)
             good = np.array([cell == "0" for cell in cells]) if own else find_good(cells)
             if good is None:
                 self.notes.append(f"{name} is left out: which of its values mean good is not known")
@@ -256,7 +267,8 @@ class RecordedColumns:
         if column is None:
             return None
         if is_guessed and any(
-            row.cells[column].lower() not in BAD | _TRUE | _FALSE for row in self._file.rows
+            means_automatic(cell := row.cells[column]) is None and cell.lower() not in BAD
+            for row in self._file.rows
         ):
             name = self._file.header[column]
             self.notes.append(f"{name} is left out: name it with --auto if 1 means automatic there")
@@ -265,10 +277,9 @@ class RecordedColumns:
         wrong = 0
         for index, row in enumerate(self._file.rows):
             cell = row.cells[column].lower()
-            if cell in BAD or cell in _FALSE:
-                continue
-            if cell in _TRUE:
-                values[index] = True
+            state = means_automatic(cell)
+            if cell in BAD or state is not None:
+                values[index] = bool(state)
                 continue
             try:
                 values[index] = self._file.number(cell) != 0.0

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.file_at import is_pipe_or_device
+from fieldlink.site.bad_numbers import drop_bad_numbers
 from fieldlink.site.binary_tables import MIN_ROWS
-from fieldlink.site.column_names import loops_side_by_side
+from fieldlink.site.column_names import loops_side_by_side, note_of_left_out
 from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.long_columns import find_long_columns
@@ -33,7 +34,10 @@ from fieldlink.site.timestamps import Sampling
 from fieldlink.spreadsheet import from_cell
 
 __all__ = [
+    "HIDDEN",
     "MIN_ROWS",
+    "PACKED",
+    "PARQUET",
     "PERIODS_DIFFER",
     "NanRun",
     "Recording",
@@ -42,8 +46,15 @@ __all__ = [
     "read_recordings",
 ]
 
-ENDINGS = (".csv", ".tsv", ".xlsx", ".parquet", ".mat")
+PARQUET = (".parquet", ".parq", ".pq")
+PACKED = (".xls", ".gz", ".zip", ".bz2", ".xz", ".zst", ".7z")
+"""Reading these says what to do: none of a site's recordings is passed over without a word."""
+ENDINGS = (".csv", ".tsv", ".xlsx", *PARQUET, ".mat", *PACKED)
 """Files of a folder that are recordings; a file that is named itself may end otherwise."""
+
+HIDDEN = (".", "~$")
+"""How names begin of what no person put there: copies of a file system's snapshots, which would
+be read as recordings once more, attributes of files, locks of spreadsheets."""
 
 PERIODS_DIFFER = 0.05
 """Share of a given period by which the times may differ and still agree with it: as much as an
@@ -122,7 +133,11 @@ def files_in(path: Path) -> list[Path]:
     if not os.path.isdir(path):
         return [path]
     try:
-        named = [file for file in path.iterdir() if file.suffix.lower() in ENDINGS]
+        named = [
+            file
+            for file in path.iterdir()
+            if file.suffix.lower() in ENDINGS and not file.name.startswith(HIDDEN)
+        ]
         return sorted(file for file in named if not is_pipe_or_device(file))
     except OSError as error:
         message = f"cannot be listed ({error.strerror})"
@@ -215,7 +230,8 @@ def read_recordings(
         beside = loops_side_by_side(file.header)
         loops = {name: (file, wanted | roles) for name, roles in beside.items()}
         if beside:
-            notes = (*notes, f"one of {len(beside)} loops side by side")
+            count = _counted(len(beside), "loop")
+            notes = (*notes, f"one of {count} side by side", *note_of_left_out(file.header))
     if not loops:
         yield "", _recording_of(file, wanted, period, notes=notes)
     yield from _each_or_problems(
@@ -283,6 +299,7 @@ def _recording_of(
     if period is not None and not 0 < period < np.inf:
         columns.report("", f"a period of {period} s is impossible", "give seconds above 0")
     columns.drop_bad_quality(numbers, found)
+    columns.notes.extend(drop_bad_numbers(numbers))
     sampling = None
     if not columns.problems and len(file.rows) < MIN_ROWS:
         columns.report(
@@ -336,7 +353,9 @@ def _notes(
 ) -> tuple[str, ...]:
     notes = []
     if np.nanmin(op) >= 0.0 and np.nanmax(op) <= 1.0:
-        notes.append("op lies between 0 and 1: S and J are fractions of its range, not percent")
+        notes.append(
+            "op lies between 0 and 1: in its units S and J are shares of its range, not percent"
+        )
     if period is None and sampling is None:
         notes.append("no time column and no period given: a row is taken for a second")
     if (

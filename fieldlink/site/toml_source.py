@@ -23,6 +23,16 @@ _HEADER = re.compile(rf"^\s*(\[\[?)\s*({_PATH})\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(rf"^\s*({_PATH})\s*=")
 _LINE_IN_ERROR = re.compile(r"\s*\(at line (\d+), column \d+\)$|\s*\(at end of document\)$")
 
+_TWICE = re.compile(r"Cannot declare \((.*)\) twice")
+_REMEDIES = {
+    "Cannot declare": "join the two tables, or remove the line NAME = { ... } that was the first",
+    "Cannot overwrite a value": "a key or table is there twice, keep one",
+    "Invalid value": 'texts stand in straight "quotes", yes is true and no is false',
+    "Expected newline": 'one key a line; texts stand in "quotes", numbers have a point and no unit',
+    "Unescaped": "write / or \\\\ in its place",
+}
+"""What people mean by the parser's words, by how these begin."""
+
 Key = tuple[str, ...]
 
 LARGEST = 10
@@ -119,7 +129,11 @@ def _syntax_problem(path: Path, text: str, message: str) -> Problem:
     if found and line is None:
         line = text.count("\n") + 1
     what = _LINE_IN_ERROR.sub("", message)
-    return Problem(str(path), "", f"is not TOML: {what}", "correct this line", line)
+    remedy = next((said for begin, said in _REMEDIES.items() if what.startswith(begin)), "")
+    if twice := _TWICE.fullmatch(what):
+        table = ".".join(re.findall(r"'([^']*)'", twice[1]))
+        what = f"[{table}] is there already"
+    return Problem(str(path), "", f"is not TOML: {what}", remedy or "correct this line", line)
 
 
 def _find_lines(text: str) -> dict[Key, int]:

@@ -69,7 +69,15 @@ def _problem(source: TomlSource, root: type[BaseModel], detail: ErrorDetails) ->
     shown = quoted(value)
     if isinstance(value, dict | list):
         shown = "a table" if isinstance(value, dict) else "an array"
+    if kind in ("tuple_type", "list_type"):
+        remedy = f"write [{shown}]"
+        if isinstance(key[-1], int):
+            remedy = "put an array of its own for each, such as [[0, 99]]"
+        elif field is not None and _holds_arrays(field.annotation):
+            remedy = f"write an array of arrays, such as [[0, {shown}]]"
+        return source.problem(key, f"{shown} is no array", f"{remedy}{_meaning(field)}")
     message = f"{shown}: {detail['msg'].replace('Input should', 'should')}"
+    message = message.replace("be an object", "be a table")
     return source.problem(key, message, f"correct it{_meaning(field)}")
 
 
@@ -130,6 +138,13 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
     parts = get_args(annotation)
     for part in parts[:1] if get_origin(annotation) is Annotated else parts:
         yield from _models_in(part)
+
+
+def _holds_arrays(annotation: Any) -> bool:
+    """Whether it is an array of arrays, whatever restricts or replaces it."""
+    if get_origin(annotation) is not tuple:
+        return any(map(_holds_arrays, get_args(annotation)))
+    return any(get_origin(part) is tuple for part in get_args(annotation))
 
 
 def _kinds(model: type[BaseModel]) -> list[str]:

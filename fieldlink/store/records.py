@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar
@@ -35,7 +36,11 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A row to be: every field is a column of ``table``; a number that is not finite is NULL."""
+    """A row to be: every field is a column of ``table``; a number that is not finite is NULL.
+
+    Characters that UTF-8 or a database cannot hold are question marks: people and devices write
+    texts, and one of them must not cost the row, nor stop the broker's messages.
+    """
 
     table: ClassVar[Table]
 
@@ -257,8 +262,14 @@ class FindingRecord(Record):
     document: Mapping[str, object] | None = None
 
 
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")
+"""What PostgreSQL, and what UTF-8, has no room for: NUL, and halves of a pair of UTF-16."""
+
+
 def _storable(value: object) -> object:
     """Numbers that are not finite become None, in documents too: JSON has no word for them."""
+    if isinstance(value, str):
+        return value if value.isprintable() else _NO_TEXT.sub("?", value)
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

@@ -8,6 +8,7 @@ a new will.
 from __future__ import annotations
 
 import asyncio
+import math
 import socket
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -16,7 +17,7 @@ from typing import Any
 from fieldlink.tls_words import certificate_remedy, tls_words
 from fieldlink.upward.broker_settings import BrokerSettings
 from fieldlink.upward.errors import BrokerError, BrokerRefusalError, BrokerVersionError
-from fieldlink.upward.packets import Incoming, MqttVersion, Outgoing
+from fieldlink.upward.packets import Incoming, MqttVersion, Outgoing, TooLarge
 
 __all__ = ["BrokerSession"]
 
@@ -32,8 +33,20 @@ GOODBYE_WITHIN = 2.0
 MOST_INCOMING = 100
 """Commands that may wait; no operator sends more."""
 
+OVERHEAD = 14
+"""Bytes of a PUBLISH beside topic and payload, at most: MQTT 5, 3.3, without properties."""
+
+TOO_LARGE = 0x95
+"""Reason code of an acknowledgement: the broker takes no packet of this size."""
+
+REASON_WITHIN = 1.0
+"""Seconds until it is known why a connection was lost that does not take a packet any more."""
+
 _UNSUITED = ("Unsupported protocol version", "Retain not supported", "QoS not supported")
 """Answers to CONNECT after which MQTT 3.1.1 may do: there a broker may bear what it lacks."""
+
+_WORDS = dict.fromkeys(("", "Unspecified error"), "it was closed without a reason")
+"""What paho says where the broker said nothing."""
 
 
 class BrokerSession:
@@ -65,10 +78,13 @@ class BrokerSession:
         self._retained: set[Incoming] = set()
         self.overrun = 0
         self.was_reached = False
-        self._unanswered: dict[int, str] = {}
+        self._unanswered: dict[int, Outgoing | None] = {}
         self._refused: str | None = None
         # MQTT 5, 3.2.2.3.3: a broker may end a connection with more messages under way.
         self._most_at_once = 0xFFFF
+        # MQTT 5, 3.2.2.3.6: a broker ends a connection over a larger packet; 3.1.1 names no bound.
+        self._most_bytes = math.inf
+        self._too_large: list[TooLarge] = []
         self._awaited = 1
         self._answered = asyncio.Event()
         self._closed = asyncio.Event()
@@ -131,27 +147,37 @@ class BrokerSession:
             BrokerError: no answer, or the broker does not allow it.
         """
         result, number = self._client.subscribe([(name, 1) for name in filters])
-        self._expect(result, number, "")
+        await self._expect(result, number, None)
         await self._answered_below(1)
 
     async def publish(self, messages: Iterable[Outgoing]) -> None:
         """Send messages in order and wait until those with QoS 1 are acknowledged.
+
+        Those that are larger than the broker takes are left out, see `take_too_large`.
 
         Raises:
             BrokerRefusalError: the broker refused one of them; the connection may still stand.
             BrokerError: the connection was lost; what has arrived is not known.
         """
         for message in messages:
+            if (size := _size_of(message)) > self._most_bytes:
+                self._too_large.append(TooLarge(message.topic, size, int(self._most_bytes)))
+                continue
             if len(self._unanswered) >= self._most_at_once:
                 await self._answered_below(self._most_at_once)
             info = self._client.publish(message.topic, message.payload, message.qos, message.retain)
             if message.qos:
-                self._expect(info.rc, info.mid, message.topic)
+                await self._expect(info.rc, info.mid, message)
             elif info.rc:
-                raise self._gone()
+                raise await self._loss()
         await self._answered_below(1)
         if self._refused is not None:
             raise BrokerRefusalError(self._refused)
+
+    def take_too_large(self) -> list[TooLarge]:
+        """Return the messages left out since the last call, as larger than the broker takes."""
+        taken, self._too_large = self._too_large, []
+        return taken
 
     def take_incoming(self) -> list[Incoming]:
         """Return the messages that came since the last call.
@@ -234,6 +260,7 @@ class BrokerSession:
             )
         else:
             self._most_at_once = getattr(properties, "ReceiveMaximum", self._most_at_once)
+            self._most_bytes = getattr(properties, "MaximumPacketSize", self._most_bytes)
             self._connected.set_result(None)
 
     def _on_lost(self, reason: str) -> None:
@@ -250,12 +277,15 @@ class BrokerSession:
         self._wake.set()
 
     def _on_answer(self, number: int, code: Any = None) -> None:
-        topic = self._unanswered.pop(number, "")
-        if topic and self._refused is None and code.is_failure:
-            self._refused = (
-                f"the broker {self._settings.where} refuses messages on {topic}: {code}; give our "
-                "user the right to publish there"
-            )
+        message = self._unanswered.pop(number, None)
+        if message is not None and code.is_failure:
+            if code.value == TOO_LARGE:
+                self._too_large.append(TooLarge(message.topic, _size_of(message), 0))
+            elif self._refused is None:
+                self._refused = (
+                    f"the broker {self._settings.where} refuses messages on {message.topic}: "
+                    f"{code}; give our user the right to publish there"
+                )
         if len(self._unanswered) < self._awaited:
             self._answered.set()
 
@@ -277,10 +307,10 @@ class BrokerSession:
             self.overrun += 1
         self._wake.set()
 
-    def _expect(self, result: int, number: int, topic: str) -> None:
+    async def _expect(self, result: int, number: int, message: Outgoing | None) -> None:
         if result:
-            raise self._gone()
-        self._unanswered[number] = topic
+            raise await self._loss()
+        self._unanswered[number] = message
 
     async def _answered_below(self, count: int) -> None:
         """Wait until fewer than ``count`` packets are unanswered."""
@@ -301,8 +331,20 @@ class BrokerSession:
                     f"{ANSWER_WITHIN:g} s; check its load and the network"
                 ) from None
 
+    async def _loss(self) -> BrokerError:
+        """Return what to raise when the client takes nothing more: its thread tells the reason."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(REASON_WITHIN):
+                await self._closed.wait()
+        return self._gone()
+
     def _gone(self) -> BrokerError:
         return BrokerRefusalError(
             f"the connection to the broker {self._settings.where} was lost: "
-            f"{self._lost or 'it is closed'}; check the broker's log"
+            f"{_WORDS.get(self._lost or '', self._lost)}; check the broker's log"
         )
+
+
+def _size_of(message: Outgoing) -> int:
+    """The most bytes that a message takes on the wire."""
+    return len(message.topic.encode()) + len(message.payload) + OVERHEAD

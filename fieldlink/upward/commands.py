@@ -19,6 +19,9 @@ Tell = Callable[..., None]
 LONGEST_REASON = 200
 """Characters of a reason that are kept: one line of a screen."""
 
+LONGEST_SHOWN = 300
+"""Characters of a topic in an event: more than names of a site, an area and a loop take."""
+
 
 @dataclass(frozen=True, slots=True)
 class Answer:
@@ -79,7 +82,8 @@ class CommandDesk:
         self._tell(
             "command.accepted" if accepted else "command.refused",
             loop or "mqtt",
-            f"{as_printable(command)} over MQTT (topic {as_printable(topic)}): {why}; {said}",
+            f"{as_printable(command)[:LONGEST_REASON]} over MQTT (topic "
+            f"{as_printable(topic)[:LONGEST_SHOWN]}): {why}; {said}",
             bad=not accepted,
         )
         return Answer(accepted, said)

@@ -17,7 +17,7 @@ class FormatReport:
         connects: times it did.
         delivered: messages that the broker has acknowledged.
         waiting: messages in the spool that it has not.
-        skipped: messages that the broker refused again and again.
+        skipped: messages that the broker does not take, or that no packet can carry.
         last_error: why the connection was lost last; empty before.
     """
 

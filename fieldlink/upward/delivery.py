@@ -13,6 +13,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterable
 
+from fieldlink.once_a_minute import OnceAMinute
 from fieldlink.upward.broker import BrokerSession
 from fieldlink.upward.broker_settings import BrokerSettings
 from fieldlink.upward.connections import Connections
@@ -24,7 +25,8 @@ from fieldlink.upward.errors import (
     UpwardError,
 )
 from fieldlink.upward.formats import Format, Health
-from fieldlink.upward.packets import MqttVersion, Outgoing
+from fieldlink.upward.messages import Message
+from fieldlink.upward.packets import MqttVersion, Outgoing, TooLarge
 from fieldlink.upward.spool_thread import SpoolThread
 
 __all__ = ["Delivery"]
@@ -82,6 +84,7 @@ class Delivery:
         self._refusals = 0
         self._delivered = self._skipped = self._waiting = 0
         self._look_at = 0.0
+        self._large = OnceAMinute()
 
     def wake(self, *, look: bool = False) -> None:
         """Look for new messages now, and at the site's health where ``look`` says so."""
@@ -156,7 +159,7 @@ class Delivery:
             await session.open()
             if filters := self._format.subscriptions():
                 await session.subscribe(filters)
-            await session.publish(self._format.begin(self._health()))
+            await self._begin(session)
             self._connections.note_begin()
             await self._deliver(session)
             farewell = tuple(self._format.farewell())
@@ -169,6 +172,20 @@ class Delivery:
                 self._unused_birth = number
             await session.close(farewell)
 
+    async def _begin(self, session: BrokerSession) -> None:
+        """Send what a session begins with, and have it confirmed before any message is sent.
+
+        A message must not be blamed for births that the broker does not take.
+        """
+        try:
+            await self._send(session, self._format.begin(self._health()))
+        except BrokerRefusalError as error:
+            if self._format.confirms:
+                raise
+            raise BrokerError(
+                f"{error}, and its limit on the size of messages: it was lost over the births"
+            ) from error
+
     async def _deliver(self, session: BrokerSession) -> None:
         """Send what there is, then wait for more; return when the daemon stops."""
         stop_at: float | None = None
@@ -179,7 +196,7 @@ class Delivery:
             if not self._refusals:
                 self._connections.note_work()
             if now >= self._look_at:
-                await session.publish(self._format.note_health(self._health()))
+                await self._publish(session, self._format.note_health(self._health()))
                 self._look_at = now + HEALTH_EVERY
             if self._stopping and stop_at is None:
                 stop_at = now + STOP_WITHIN
@@ -197,7 +214,7 @@ class Delivery:
 
     async def _answer(self, session: BrokerSession) -> None:
         for incoming in session.take_incoming():
-            await session.publish(self._format.receive(incoming, self._health()))
+            await self._publish(session, self._format.receive(incoming, self._health()))
             self._look_at = 0.0
         if session.overrun:
             self._tell(
@@ -218,7 +235,7 @@ class Delivery:
         if not messages:
             self._waiting = 0
             return False
-        packets = [packet for message in messages for packet in self._format.encode(message)]
+        packets = [packet for message in messages for packet in self._encode(message)]
         last = messages[-1].id
         try:
             await self._send(session, packets)
@@ -232,8 +249,37 @@ class Delivery:
         self._waiting = max(0, self._spool.last_id - last)
         return True
 
+    def _encode(self, message: Message) -> list[Outgoing]:
+        """Return a message's packets; one that has none must not hold up all that follow."""
+        try:
+            return list(self._format.encode(message))
+        except Exception as error:  # noqa: BLE001  (told; the others are sent)
+            self._skipped += 1
+            name = f"mqtt {self._format.name}"
+            self._defect(name, error, f"message {message.id} is left out")
+            return []
+
+    async def _publish(self, session: BrokerSession, packets: Iterable[Outgoing]) -> None:
+        try:
+            await session.publish(packets)
+        finally:
+            for one in session.take_too_large():
+                self._note_too_large(one)
+
+    def _note_too_large(self, one: TooLarge) -> None:
+        self._skipped += 1
+        if count := self._large.note("too large"):
+            limit = f"at most {one.limit} bytes" if one.limit else "no message of this size"
+            self._tell(
+                "mqtt.skipped",
+                f"mqtt {self._format.name}",
+                f"the message on {one.topic} is left out: it has {one.size} bytes, and the broker "
+                f"takes {limit}; raise its limit ({count} since the last such line)",
+                bad=True,
+            )
+
     async def _send(self, session: BrokerSession, packets: Iterable[Outgoing]) -> None:
-        await session.publish(packets)
+        await self._publish(session, packets)
         if not self._format.confirms:
             await session.subscribe(self._format.subscriptions())
 

@@ -32,6 +32,11 @@ class Format(Protocol):
         """Whether its packets are acknowledged one by one (QoS 1)."""
         ...
 
+    @property
+    def retained(self) -> Sequence[str]:
+        """Topics of the site on which the broker keeps what this format sends."""
+        ...
+
     def follow(self, site: Site, stream: str) -> None:
         """Take a site's loops and names; ``stream`` names the spool's numbering."""
         ...

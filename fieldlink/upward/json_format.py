@@ -14,13 +14,14 @@ from datetime import UTC, datetime
 from fieldlink.site import Site
 from fieldlink.upward.commands import CommandDesk
 from fieldlink.upward.formats import Health
-from fieldlink.upward.messages import Message
-from fieldlink.upward.packets import Incoming, Outgoing
+from fieldlink.upward.messages import LEFT, Message
+from fieldlink.upward.packets import LONGEST_TOPIC, Incoming, Outgoing
 from fieldlink.upward.topics import JsonTopics
 
 __all__ = ["JsonFormat"]
 
-_RETAINED = frozenset({"estimate", "writeback"})
+_RETAINED = {"estimates": "estimate", "writebacks": "writeback"}
+"""Kinds of which the broker keeps a loop's newest, by the word in the site file."""
 
 
 class JsonFormat:
@@ -46,6 +47,15 @@ class JsonFormat:
         self._topics = JsonTopics(site)
         self._takes_commands = bool(site.file.mqtt.commands)
         self._tells_health = "health" in site.file.mqtt.publish
+
+    @property
+    def retained(self) -> Sequence[str]:
+        """Topics of the site on which the broker keeps what this format sends."""
+        assert self._site.file.mqtt is not None
+        published = self._site.file.mqtt.publish
+        kinds = [kind for word, kind in _RETAINED.items() if word in published]
+        topics = [f"{topic}/{kind}" for topic in self._topics.loops.values() for kind in kinds]
+        return [*topics, *([self._topics.health] if self._tells_health else [])]
 
     def note(self, message: Message) -> None:
         """Take no note: JSON has no births."""
@@ -79,13 +89,16 @@ class JsonFormat:
             return [_packet(self._topics.events, document | rest)]
         if message.kind == "finding":
             return self._encode_finding(message, document)
+        if message.kind == LEFT:
+            return self._encode_left(message, document)
         topic = self._topics.of_kind(message.source, message.kind)
         if topic is None:
             # The loop has gone from the site file since: there is no topic left for it.
             return []
         loop = self._site.loops[message.source]
         document |= {"area": loop.area, "loop": message.source}
-        return [_packet(topic, document | dict(message.body), retain=message.kind in _RETAINED)]
+        retain = message.kind in _RETAINED.values()
+        return [_packet(topic, document | dict(message.body), retain=retain)]
 
     def _encode_finding(
         self, message: Message, document: Mapping[str, object]
@@ -98,6 +111,15 @@ class JsonFormat:
             # MQTT 5, 3.3.1.3: an empty retained message removes the one before
             found.append(Outgoing(topic, b"", qos=1, retain=True))
         return found
+
+    def _encode_left(self, message: Message, document: Mapping[str, object]) -> Iterable[Outgoing]:
+        """Return what makes the broker forget topics; their names go to the events' topic."""
+        topics = message.body["topics"]
+        assert isinstance(topics, list)
+        told = _packet(self._topics.events, {**document, "topics": topics})
+        # One of them may be in use again since: a dashboard must not lose what is there now.
+        gone = set(topics).difference(self.retained)
+        return [told, *(Outgoing(topic, b"", qos=1, retain=True) for topic in sorted(gone))]
 
     def note_health(self, health: Health) -> Iterable[Outgoing]:
         """Return the health when it has changed."""
@@ -119,13 +141,16 @@ class JsonFormat:
             topic=incoming.topic,
             refusal=incoming.refusal,
         )
+        topic = f"{incoming.topic}/result"
+        if len(topic.encode()) > LONGEST_TOPIC:
+            return []
         document = {
             "time": _time_text(None),
             "accepted": answer.accepted,
             "message": answer.message,
             "request": _repeatable(request.get("request")),
         }
-        return [_packet(f"{incoming.topic}/result", document)]
+        return [_packet(topic, document)]
 
     def farewell(self) -> Sequence[Outgoing]:
         """Return ``online: false``."""

@@ -14,7 +14,10 @@ from fieldlink.store import (
     WritebackRecord,
 )
 
-__all__ = ["Message", "message_maker"]
+__all__ = ["LEFT", "Message", "message_maker"]
+
+LEFT = "left"
+"""Kind of a message about topics that the site has left, on which the broker keeps something."""
 
 _KINDS: Mapping[type[Record], tuple[str, str]] = {
     SampleRecord: ("samples", "sample"),
@@ -36,7 +39,7 @@ class Message:
     """One thing to tell.
 
     Attributes:
-        kind: sample, estimate, writeback, event or finding.
+        kind: sample, estimate, writeback, event, finding, or `LEFT`.
         source: the loop; for an event what it is about: a loop, a device or the daemon; for a
             finding whose source is none of its loops the first of them.
         utc_ms: when it happened, milliseconds since 1970.

@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-__all__ = ["LONGEST_COMMAND", "Incoming", "MqttVersion", "Outgoing"]
+__all__ = ["LONGEST_COMMAND", "LONGEST_TOPIC", "Incoming", "MqttVersion", "Outgoing", "TooLarge"]
 
 LONGEST_COMMAND = 10_000
 """Bytes of a command that are read: a loop, a word and a reason take some hundred. Reading a longer
 one would hold up the sampling, which shares the event loop."""
+
+
+LONGEST_TOPIC = 0xFFFF
+"""Bytes of a topic (MQTT 5, 1.5.4)."""
 
 
 class MqttVersion(IntEnum):
@@ -29,6 +33,20 @@ class Outgoing:
     payload: bytes
     qos: int = 1
     retain: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class TooLarge:
+    """A message that the broker does not take for its size.
+
+    Attributes:
+        size: its bytes on the wire, at most.
+        limit: bytes that the broker takes; 0 where it did not say.
+    """
+
+    topic: str
+    size: int
+    limit: int
 
 
 @dataclass(frozen=True, slots=True)

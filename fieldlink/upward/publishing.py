@@ -106,6 +106,7 @@ class Publishing:
         self._spooled = self._dropped = 0
         self._failing = False
         self._stream = ""
+        self._retained: list[str] | None = None
         self._drops = OnceAMinute()
 
     def put(self, record: Record) -> None:
@@ -141,12 +142,14 @@ class Publishing:
     async def running(self) -> AsyncIterator[list[asyncio.Task[None]]]:
         """Spool and deliver while the block runs; yields tasks that must not end by themselves.
 
-        Raises:
-            UpwardError: the spool cannot be opened.
+        A spool that cannot be opened is tried again: the plant's samples matter more.
         """
         thread = SpoolThread(self._spool)
         try:
-            await thread.call(lambda spool: spool.open())
+            try:
+                await thread.call(lambda spool: spool.open())
+            except UpwardError as error:
+                self._note_failing(error)
             self._tell_formats()
             self._deliveries = [
                 Delivery(
@@ -181,6 +184,8 @@ class Publishing:
         self._stream = self._spool.stream
         for form in self._formats:
             form.follow(self._site, self._stream)
+        self._retained = [topic for form in self._formats for topic in form.retained]
+        self._arrived.set()
         for delivery in self._deliveries:
             delivery.wake(look=True)
 
@@ -204,6 +209,8 @@ class Publishing:
 
     async def _spool_waiting(self, thread: SpoolThread) -> bool:
         """Write what waits to disk; return whether that worked."""
+        if not await self._spool_retained(thread):
+            return False
         while self._waiting:
             count = min(len(self._waiting), MOST_AT_ONCE)
             batch = [self._waiting.popleft() for _ in range(count)]
@@ -211,24 +218,52 @@ class Publishing:
                 last = await thread.call(partial(_append, batch))
             except (sqlite3.Error, FieldlinkError) as error:
                 self._waiting.extendleft(reversed(batch))
-                if not self._failing:
-                    self._failing = True
-                    self._tell("mqtt.spool_failing", "mqtt", f"{error}; check the disk", bad=True)
+                self._note_failing(error)
                 return False
             if self._failing:
                 self._failing = False
                 self._tell("mqtt.spool_written", "mqtt", "the spool is written again")
-            if self._stream != self._spool.stream:
-                self._tell_formats()
-                self._tell(
-                    "mqtt.spool_replaced",
-                    "mqtt",
-                    "the spool was damaged and is set aside; what waited in it is not delivered",
-                    bad=True,
-                )
+            self._note_stream()
             self._spooled += count
             self._note_spooled(batch, last - count + 1)
         return True
+
+    async def _spool_retained(self, thread: SpoolThread) -> bool:
+        """Have topics forgotten that the site has left; return whether that worked."""
+        topics, self._retained = self._retained, None
+        if topics is None:
+            return True
+        try:
+            left = await thread.call(lambda spool: spool.retain(topics))
+        except (sqlite3.Error, FieldlinkError) as error:
+            self._retained = self._retained or topics
+            self._note_failing(error)
+            return False
+        self._note_stream()
+        if left:
+            for delivery in self._deliveries:
+                delivery.wake()
+        return True
+
+    def _note_stream(self) -> None:
+        """Take over another file's numbering; tell where it took the place of a damaged one."""
+        before = self._stream
+        if before == self._spool.stream:
+            return
+        self._tell_formats()
+        if before:
+            self._tell(
+                "mqtt.spool_replaced",
+                "mqtt",
+                "the spool was damaged and is set aside; what waited in it is not delivered",
+                bad=True,
+            )
+
+    def _note_failing(self, error: Exception) -> None:
+        if not self._failing:
+            self._failing = True
+            said = str(error) if isinstance(error, FieldlinkError) else f"{error}; check the disk"
+            self._tell("mqtt.spool_failing", "mqtt", said, bad=True)
 
     def _note_spooled(self, batch: list[Message], first: int) -> None:
         for number, message in enumerate(batch, first):

@@ -40,6 +40,7 @@ class SparkplugFormat:
     name = "sparkplug"
     # tck-id-topics-nbirth-mqtt and the others: everything but the will goes with QoS 0.
     confirms = False
+    retained = ()
 
     def __init__(self, site: Site, desk: CommandDesk, version: str) -> None:
         mqtt = site.file.mqtt
@@ -84,7 +85,7 @@ class SparkplugFormat:
     def note_health(self, health: Health) -> Iterable[Outgoing]:
         """Return changed states, births and deaths of loops."""
         if self._changed or (self._asked and self._may_be_born()):
-            return self.begin(health)
+            return [*self._node.bury(), *self.begin(health)]
         return self._node.note_health(health)
 
     def _may_be_born(self) -> bool:

@@ -132,6 +132,12 @@ class EdgeNode:
         for loop in self._answering(health):
             yield self._loop_birth(loop)
 
+    def bury(self) -> Iterator[Outgoing]:
+        """Yield the DDEATHs of loops that the site does not have any more."""
+        for loop in sorted(self._born.difference(self._board)):
+            self._born.discard(loop)
+            yield self._outgoing("DDEATH", loop, ())
+
     def data(self, message: Message) -> Iterator[Outgoing]:
         """Yield what a message changes; nothing when it changes nothing."""
         historical = message.id <= self._historical_until
@@ -242,6 +248,8 @@ class EdgeNode:
         return self._aliases.get((owner, MESSAGE_ID))
 
     def _outgoing(self, verb: str, loop: str | None, metrics: Iterable[Metric]) -> Outgoing:
-        self._seq = (self._seq + 1) % SEQUENCE
-        payload = Payload(tuple(metrics), _now(), self._seq)
-        return Outgoing(self.topic(verb, loop), encode(payload), qos=0)
+        seq = (self._seq + 1) % SEQUENCE
+        data = encode(Payload(tuple(metrics), _now(), seq))
+        # not before: what cannot be encoded is not sent, and must leave no gap
+        self._seq = seq
+        return Outgoing(self.topic(verb, loop), data, qos=0)

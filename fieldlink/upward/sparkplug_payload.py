@@ -44,6 +44,9 @@ _FIELD_OF = {
 }
 
 
+_BITS = {DataType.INT32: 32, DataType.INT64: 64}
+
+
 @dataclass(frozen=True, slots=True)
 class Metric:
     """One metric of a payload.
@@ -104,8 +107,14 @@ def encode(payload: Payload) -> bytes:
         if metric.value is None:
             entry.is_null = True
         else:
-            setattr(entry, _FIELD_OF[metric.encoded_as], metric.value)
+            setattr(entry, _FIELD_OF[metric.encoded_as], _encoded(metric))
     return bytes(message.SerializeToString())
+
+
+def _encoded(metric: Metric) -> Value:
+    """A metric's value; a negative number as its two's complement (Sparkplug 3.0, 6.4.16)."""
+    bits = _BITS.get(metric.encoded_as)
+    return metric.value if bits is None else int(metric.value or 0) & ((1 << bits) - 1)
 
 
 def decode(data: bytes) -> Payload:

@@ -22,7 +22,7 @@ from typing import TypeVar
 from fieldlink.store.damage import is_corruption, set_aside
 from fieldlink.store.errors import StoreError
 from fieldlink.upward.errors import UpwardError
-from fieldlink.upward.messages import Message
+from fieldlink.upward.messages import LEFT, Message
 
 __all__ = ["Spool"]
 
@@ -45,6 +45,12 @@ FILE_MODE = 0o640
 
 SHARE_DROPPED = 0.1
 """Share of the messages that goes at once when the bound is reached: not one at a time."""
+
+AT_ONCE = 50
+"""Topics in one message of those that were left: some milliseconds of the event loop."""
+
+_RETAINED = "retained"
+"""Key of the topics on which the broker keeps something."""
 
 LARGEST_BIRTH = 256
 """bdSeq counts from 0 to 255 (Sparkplug 3.0, section 6.4.19)."""
@@ -109,6 +115,34 @@ class Spool:
         rows = [(m.utc_ms, m.kind, m.source, json.dumps(m.body, default=str)) for m in messages]
         self._heal(lambda: self._insert(rows))
         return self.last_id
+
+    def retain(self, topics: Sequence[str]) -> int:
+        """Note the topics on which the broker keeps something from now on.
+
+        Those of before that are not among them, as of a loop that has left the site or changed its
+        area, become messages of the kind `LEFT`.
+
+        Returns:
+            How many topics that are.
+
+        Raises:
+            sqlite3.Error, UpwardError: as `append`.
+        """
+        return self._heal(lambda: self._retain(topics))
+
+    def _retain(self, topics: Sequence[str]) -> int:
+        gone = sorted(set(json.loads(self._meta(_RETAINED, "[]"))).difference(topics))
+        rows = [
+            (round(1000.0 * time.time()), LEFT, "", json.dumps({"topics": gone[at : at + AT_ONCE]}))
+            for at in range(0, len(gone), AT_ONCE)
+        ]
+        with self._connection as connection:
+            connection.execute(
+                "INSERT OR REPLACE INTO meta VALUES (?, ?)", (_RETAINED, json.dumps(topics))
+            )
+            newest = self._add(connection, rows)
+        self.last_id = newest
+        return len(gone)
 
     def read(self, after: int, limit: int) -> list[Message]:
         """Return up to ``limit`` messages with numbers above ``after``, in order."""
@@ -245,11 +279,16 @@ class Spool:
 
     def _insert(self, rows: Sequence[tuple[int, str, str, str]]) -> None:
         with self._connection as connection:
-            connection.executemany(
-                "INSERT INTO messages (utc_ms, kind, source, body) VALUES (?, ?, ?, ?)", rows
-            )
-            newest = self._newest()
+            newest = self._add(connection, rows)
         self.last_id = newest
+
+    def _add(
+        self, connection: sqlite3.Connection, rows: Sequence[tuple[int, str, str, str]]
+    ) -> int:
+        connection.executemany(
+            "INSERT INTO messages (utc_ms, kind, source, body) VALUES (?, ?, ?, ?)", rows
+        )
+        return self._newest()
 
     def _replace(self) -> None:
         try:

@@ -10,6 +10,7 @@ those who may write there may give orders to the daemon anyway.
 from __future__ import annotations
 
 import hmac
+import re
 import secrets
 import time
 from ipaddress import ip_address
@@ -38,6 +39,9 @@ MOST_SESSIONS = 200
 """Sessions at a time; the oldest ends when one more begins."""
 
 TOKEN_FILE = "operator-token"
+
+_HOST = re.compile(r"(\[[^\[\]]*\]|[^\[\]:]*)(?::[0-9]{1,5})?")
+"""A Host header: a name or an address, and a port."""
 
 
 class Access:
@@ -91,7 +95,11 @@ class Access:
 
     def is_for_us(self, request: Request) -> bool:
         """Whether a request names this server, so that no foreign name is bound to it."""
-        return not self._local or is_local_name(request.url.hostname or "")
+        if not self._local:
+            return True
+        # Starlette answers for a header that it cannot read as if it named the server itself.
+        named = _HOST.fullmatch(request.headers.get("Host", ""))
+        return named is not None and is_local_name(named[1].lower())
 
     def begin_session(self, token: str) -> str | None:
         """Return a new session for the right token, else None."""

@@ -12,6 +12,7 @@ from starlette.routing import Route
 
 from fieldlink.daemon.operators.orders import Action, Order, OrderError
 from fieldlink.errors import FieldlinkError
+from fieldlink.once_a_minute import OnceAMinute
 from fieldlink.web.access import COOKIE, SESSION_SECONDS, Access
 from fieldlink.web.requests import BadRequestError, body_of, refuse
 from fieldlink.web.responses import json_answer, page_answer, render, static_answer
@@ -37,6 +38,7 @@ class _Actions:
     def __init__(self, source: Source, access: Access) -> None:
         self._source = source
         self._access = access
+        self._refusals = OnceAMinute()
 
     async def act(self, request: Request) -> Response:
         """Carry out an operator's order; the token is in the request's own header."""
@@ -76,7 +78,9 @@ class _Actions:
             return refuse(request, 400, str(error))
         session = self._access.begin_session(fields.get("token", [""])[0].strip())
         if session is None:
-            _log.warning("web.login_refused", client=request.client and request.client.host)
+            if count := self._refusals.note("login"):
+                client = request.client and request.client.host
+                _log.warning("web.login_refused", client=client, count=count)
             page = render("login.html.j2", site=self._source.name, wrong=True)
             return page_answer(request, page, 401)
         answer = RedirectResponse("/", 303)

@@ -203,14 +203,19 @@ def _of_the_broker(status: DaemonStatus) -> Iterator[Metric]:
     waiting = GaugeMetricFamily(
         "fieldlink_mqtt_waiting", "Messages on disk that the broker has not.", labels=["format"]
     )
+    skipped = CounterMetricFamily(
+        "fieldlink_mqtt_skipped", "Messages that the broker does not take.", labels=["format"]
+    )
     for name, report in upward.formats.items():
         connected.add_metric([name], float(report.connected))
         delivered.add_metric([name], report.delivered)
         waiting.add_metric([name], report.waiting)
+        skipped.add_metric([name], report.skipped)
     yield from (
         connected,
         delivered,
         waiting,
+        skipped,
         CounterMetricFamily(
             "fieldlink_mqtt_dropped",
             "Messages lost to the spool's bound or age, or to a disk that could not be written.",

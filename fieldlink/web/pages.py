@@ -117,7 +117,8 @@ class _Pages:
     def fleet_changes(self, request: Request, status: DaemonStatus | None) -> Response:
         _, fleet = self._source.fleet(status)
         known = number_of(request, "revision", None)
-        known = -1.0 if known is None else known
+        # None, or one of another clock or another process: everything is sent.
+        known = -1.0 if known is None or known > fleet.revision else known
         largest = _largest(fleet.rows)
         return json_answer(
             request,

@@ -20,6 +20,7 @@ from fieldlink.errors import FieldlinkError
 from fieldlink.site import Site
 from fieldlink.web.access import Access, is_local_name, make_operator_token
 from fieldlink.web.app import make_app, make_store_app
+from fieldlink.web.certificate import fault_of, follow_certificate
 from fieldlink.web.limits import MOST_CONNECTIONS, BoundedListener, QuietLog, TimedProtocol
 from fieldlink.web.source import Source
 
@@ -186,15 +187,14 @@ def _configure(app: Starlette, site: Site | None) -> uvicorn.Config:
     if site is not None and settings is not None:
         certificate, key = settings.tls_certificate, settings.tls_key
         if certificate is not None and key is not None:
-            config.ssl_certfile = str(site.resolve(certificate))
-            config.ssl_keyfile = str(site.resolve(key))
-    try:
-        config.load()
-    except OSError as error:
-        raise WebError(
-            f"web.tls_certificate and web.tls_key cannot be used: {error}; both are PEM files that "
-            "this user can read"
-        ) from error
+            files = [site.resolve(certificate), site.resolve(key)]
+            if problem := fault_of(files):
+                raise WebError(
+                    f"web.tls_certificate and web.tls_key cannot be used: {problem}; both are PEM "
+                    "files that this user can read, the key without a password"
+                )
+            config.ssl_certfile, config.ssl_keyfile = map(str, files)
+    config.load()
     return config
 
 
@@ -208,10 +208,13 @@ async def _serving(
     task = asyncio.create_task(server.serve([listener]), name="web")
     # The store is read once in full: that has begun when the first page is asked for.
     reading = asyncio.create_task(asyncio.to_thread(source.read_ahead), name="web store")
+    following = asyncio.create_task(follow_certificate(config), name="web certificate")
     try:
         yield
     finally:
         server.should_exit = True
+        following.cancel()
+        await asyncio.gather(following, return_exceptions=True)
         await task
         await reading
         listener.close()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator import EstimatorError, Interval
 from fieldlink.errors import FieldlinkError
@@ -134,7 +135,7 @@ def _of_kept(job: _Job, kept: Mapping[str, Any]) -> _Judged | str:
         return str(kept["problem"])
     recording = _read(job)
     stem = None if kept["stem"] is None else np.asarray(kept["stem"], float)
-    samples = WindowSamples(recording.op, recording.pv, recording.sp, stem, recording.period)
+    samples = _samples(recording, stem)
     return _Judged(samples, dict(kept["document"]), tuple(kept["notes"]))
 
 
@@ -160,7 +161,7 @@ def _unusable(name: str, problem: str, settings: WorkListSettings) -> ReportedLo
     cause = Cause(Wrong.UNREADABLE, ("the recording cannot be used",))
     finding = Finding((cause,), (problem,), is_sure=False)
     row = WorkRow(tag=name, device="", finding=finding, limit=settings.stick_band_limit)
-    return ReportedLoop(row, None, None, None, settings.op_span)
+    return ReportedLoop(row, None, None, None, settings.span_of())
 
 
 def _read(job: _Job) -> Recording:
@@ -179,18 +180,29 @@ def _judge(job: _Job) -> _Judged:
         recording.op,
         recording.pv,
         sp=recording.sp,
-        auto=None if recording.auto is None else recording.auto.astype(float),
+        auto=_mode(recording),
         period=recording.period,
     )
     stem = result.stem if result.verdict.value == "stiction" else None
-    samples = WindowSamples(recording.op, recording.pv, recording.sp, stem, recording.period)
+    samples = _samples(recording, stem)
     return _Judged(samples, result.to_dict(), recording.notes)
+
+
+def _mode(recording: Recording) -> NDArray[np.float64] | None:
+    return None if recording.auto is None else recording.auto.astype(np.float64)
+
+
+def _samples(recording: Recording, stem: NDArray[np.float64] | None) -> WindowSamples:
+    return WindowSamples(
+        recording.op, recording.pv, recording.sp, stem, recording.period, _mode(recording)
+    )
 
 
 def _reported(
     name: str, judged: _Judged, settings: WorkListSettings, diagnose: Diagnose
 ) -> ReportedLoop:
-    document, samples, span = judged.document, judged.samples, settings.op_span
+    document, samples = judged.document, judged.samples
+    span = settings.span_of(samples.op)
     oscillates, period = samples.swing
     finding = diagnose(name, samples) or finding_of_estimate(
         document, oscillates=oscillates, period_s=period if oscillates else None

@@ -213,7 +213,7 @@ class _LoopReader:
         known = None if self._site is None else self._site.op_span(self._name)
         if known is not None:
             return known, ()
-        span = self._settings.op_span
+        span = self._settings.span_of()
         return span, (f"OP's span is taken as {span:g}; give low and high in the register map",)
 
     def _samples(self, document: Mapping[str, Any] | None) -> WindowSamples | None:

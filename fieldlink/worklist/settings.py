@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["WorkListSettings"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["USUAL_OP_SPAN", "WorkListSettings"]
+
+USUAL_OP_SPAN = 100.0
+"""Units of OP: most controllers put out 0 to 100 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,8 +21,7 @@ class WorkListSettings:
         stick_band_limit: stick band, in % of OP's span, that maintenance should not let pass. Five
             times the 1 % that a new valve may have by EnTech's Control Valve Dynamic Specification
             (version 3.0, 1998, nominal class).
-        op_span: OP's span, in units of OP, where neither register map nor user gives it: most
-            controllers put out 0 to 100 %.
+        op_span: OP's span, in units of OP, where no register map gives it; None for `span_of`.
         recent: newest judged windows whose verdicts are compared; with six, one that disagrees
             still leaves a clear majority.
         agreement: share of them from which confidence is high.
@@ -29,10 +34,19 @@ class WorkListSettings:
     """
 
     stick_band_limit: float = 5.0
-    op_span: float = 100.0
+    op_span: float | None = None
     recent: int = 6
     agreement: float = 0.8
     points: int = 40
     before: int = 20
     dead_band: float = 0.2
     picture_samples: int = 1500
+
+    def span_of(self, op: NDArray[np.float64] | None = None) -> float:
+        """Return the span of an OP that no register map describes, from its samples if given."""
+        if self.op_span is not None:
+            return self.op_span
+        if op is None or not np.isfinite(op).any():
+            return USUAL_OP_SPAN
+        is_share = np.nanmin(op) >= 0.0 and np.nanmax(op) <= 1.0
+        return 1.0 if is_share else USUAL_OP_SPAN

@@ -36,6 +36,7 @@ class WindowSamples:
         sp: likewise; None where the loop has none.
         stem: estimated stem; None where no sticky valve was found.
         period: seconds between samples.
+        auto: 1 in automatic, 0 in manual; None where the mode is not recorded.
     """
 
     op: Array
@@ -43,6 +44,7 @@ class WindowSamples:
     sp: Array | None
     stem: Array | None
     period: float
+    auto: Array | None = None
 
     @classmethod
     def of_frame(

@@ -11,12 +11,14 @@ import sys
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from estimator import identify
+from fieldlink.assess import AssessError
 from fieldlink.assess.run_file import RunFile
 from tests.cli.typed import run_typed
 
@@ -114,6 +116,37 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_table(
     assert "was finished before" in finished.stdout
 
 
+def write_days(folder: Path, days: int) -> None:
+    """A loop at rest, a file a day from 2026-01-01 on."""
+    folder.mkdir()
+    for day in range(1, days + 1):
+        lines = [f"2026-01-{day:02} 00:{k // 60:02}:{k % 60:02},50,{k % 7}" for k in range(120)]
+        text = "\n".join(["time,op,pv", *lines])
+        (folder / f"FC101_2026-01-{day:02}.csv").write_text(text)
+
+
+def test_files_outside_of_the_time_that_was_asked_for_are_no_errors(tmp_path: Path) -> None:
+    write_days(tmp_path / "days", 4)
+    run = partial(run_typed, tmp_path, "assess", "days", "--workers", 1, "--out", "out")
+    done = run("--since", "2026-01-02", "--until", "2026-01-03T00:00Z")
+    assert done.returncode == 0, done.stdout
+    assert [row["start"] for row in table(tmp_path / "out")] == ["2026-01-02T00:00:00Z"]
+    assert "nothing between --since and --until: 3 files" in done.stdout
+    other = run("--since", "2026-01-03")
+    assert other.returncode == 2
+    assert "another value of since (2026-01-02T00:00:00Z)" in other.stderr
+
+
+def test_a_run_that_read_nothing_may_be_begun_with_other_options(tmp_path: Path) -> None:
+    write_days(tmp_path / "days", 1)
+    run = partial(run_typed, tmp_path, "assess", "days", "--out", "out", "--workers", 1)
+    with mock.patch("fieldlink.assess.assessment._engine", side_effect=AssessError("no scheduler")):
+        assert "no scheduler" in run("--samples", 60).stderr
+    done = run("--samples", 120)
+    assert done.returncode == 0, done.stderr
+    assert [row["samples"] for row in table(tmp_path / "out")] == ["120"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -121,6 +154,11 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_table(
         ([".", "--every", "soon"], "is not a length of time"),
         ([".", "--engine", "cloud"], "write local or dask"),
         ([".", "--out", "taken"], "holds loops.csv of something else"),
+        ([".", "--scheduler", "10.0.0.5"], "write one such as tcp://10.0.0.5:8786"),
+        (["days", "days/FC101_2026-01-01.csv"], "is given twice, also by days"),
+        (["days", "./days/"], "is given twice, also by"),
+        ([".", "--out", "."], ". is what is read; name a folder of its own"),
+        (["days", "--since", "2026-02-01"], "days: no samples between --since and --until"),
     ],
 )
 def test_what_cannot_be_done_is_refused_with_a_sentence(
@@ -128,6 +166,7 @@ def test_what_cannot_be_done_is_refused_with_a_sentence(
 ) -> None:
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "loops.csv").write_text("a,b\n")
+    write_days(tmp_path / "days", 1)
     done = run_typed(tmp_path, "assess", *arguments)
     assert done.returncode == 2
     assert words in " ".join(done.stderr.replace("│", " ").split())
@@ -160,6 +199,7 @@ def test_a_run_of_an_older_release_gets_the_columns_it_lacks(tmp_path: Path) -> 
         database.commit()
     run_file = RunFile(file)
     run_file.store([(2, [dict.fromkeys(CONTRACT.split(",")) | {"loop": "B", "notes": "turned"}])])
+    run_file.rank()
     rows = [*run_file.windows_of("a", "A", 9)]
     assert [(row["loop"], row["notes"]) for row in rows] == [("A", None)]
     assert run_file.counts().rows == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import shutil
@@ -14,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fieldlink.assess import AssessError, Cut, Job, Piece, Place
+from fieldlink.assess import AssessError, Columns, Cut, Job, Piece, Place
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.places import place_of
 from fieldlink.assess.readers import files
@@ -25,6 +26,7 @@ from fieldlink.assess.run_file import RunFile
 from fieldlink.assess.table_row import error_row
 from fieldlink.assess.workers.failed_rows import without_place
 from fieldlink.errors import FieldlinkError
+from fieldlink.site.errors import RecordingError
 from tests.assess.conftest import Recorded, write_csv
 from tests.assess.test_readers import (
     BEGIN,
@@ -289,3 +291,53 @@ def test_a_store_is_read_while_it_is_written(tmp_path: Path, sticky) -> None:
     np.testing.assert_array_equal(found.op, sticky.op[:200])
     writer.execute("ROLLBACK")
     writer.close()
+
+
+def test_a_parquet_files_quality_and_mode_count_as_in_a_text_file(tmp_path: Path, sticky) -> None:
+    """A historian marks a bad value beside it; a mode in words is one, in numbers it may not be."""
+    stamps = pa.array((BEGIN + np.arange(400.0)) * 1e6).cast(pa.int64()).cast(pa.timestamp("us"))
+    quality = ["Bad" if k in (7, 9) else "Good" for k in range(400)]
+    codes = pa.array([0 if k == 5 else 192 for k in range(400)]).dictionary_encode()
+    mode = ["MAN" if k < 20 else "AUTO" for k in range(400)]
+    columns = {"time": stamps, "op": sticky.op, "pv": sticky.pv}
+    for name, more in (
+        ("words", {"PV.Quality": quality, "status": codes, "mode": mode}),
+        ("numbers", {"mode": [3] * 400}),
+    ):
+        pq.write_table(pa.table(columns | more), tmp_path / f"{name}.parquet")
+    ((_, words),) = windows(place_of(str(tmp_path / "words.parquet")), Cut())
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(words.pv)), [5, 7, 9])
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(words.op)), [5])
+    assert words.auto is not None
+    np.testing.assert_array_equal(words.auto, np.arange(400) >= 20)
+    assert words.notes == (
+        "PV.Quality: 2 rows are not good: bad samples",
+        "status: 1 rows are not good: bad samples",
+    )
+    ((_, numbers),) = windows(place_of(str(tmp_path / "numbers.parquet")), Cut())
+    assert numbers.auto is None
+    assert "name it with --auto" in numbers.notes[0]
+
+
+def test_packed_files_have_a_row_and_hidden_ones_none(tmp_path: Path, sticky) -> None:
+    write_csv(tmp_path / "FC101.csv", sticky)
+    (tmp_path / "FC102.csv.gz").write_bytes(gzip.compress((tmp_path / "FC101.csv").read_bytes()))
+    for name in (".snapshot/FC101.csv", "._FC101.csv", "~$FC101.xlsx"):
+        write_csv(tmp_path / name, sticky)
+    pq.write_table(pa.table({"op": sticky.op, "pv": sticky.pv}), tmp_path / "FC103.pq")
+    job = Job((place_of(str(tmp_path)),), Columns(), Cut())
+    reader = reader_of("files")
+    pieces = [piece for piece in reader.pieces(job, 0, "") if isinstance(piece, Piece)]
+    assert [Path(piece.path).name for piece in pieces] == ["FC101.csv", "FC102.csv.gz", "FC103.pq"]
+    with pytest.raises(RecordingError, match="is packed"):
+        next(reader.windows(job, pieces[1]))
+    assert next(reader.windows(job, pieces[2]))[0] == "FC103"
+
+
+def test_rows_of_a_parquet_file_without_a_loops_name_are_one_loop(tmp_path: Path, sticky) -> None:
+    times = pa.array(BEGIN + np.arange(400.0))
+    loops = [None, ""] * 100 + ["FC2"] * 200
+    table = pa.table({"time": times, "loop": loops, "op": sticky.op, "pv": sticky.pv})
+    pq.write_table(table, tmp_path / "FC1.parquet")
+    found = windows(place_of(str(tmp_path)), Cut())
+    assert [(name, len(window)) for name, window in found] == [("FC1", 200), ("FC2", 200)]

@@ -140,3 +140,32 @@ def test_a_quality_that_no_row_has_is_named(about: str, tmp_path: Path) -> None:
     table = Table(tmp_path, columns, rows, about + more)
     with pytest.raises(ReadingError, match=r"\(q is never 0, 'Good'\); check sql.good"):
         table.windows(table.pieces()[0])
+
+
+def test_numbers_in_text_with_three_decimals_are_read_of_tags_too(tmp_path: Path) -> None:
+    rows = [(i, f"A.{role}", f"{i % 7}.{100 + i}") for i in ROWS for role in ("OP", "PV")]
+    table = Table(tmp_path, "ts INTEGER, name TEXT, val TEXT", rows, TAGS)
+    (window,) = table.windows(table.pieces()[0])
+    np.testing.assert_allclose(window.pv, [i % 7 + (100 + i) / 1000.0 for i in ROWS])
+
+
+def test_a_mode_may_stand_in_words(tmp_path: Path) -> None:
+    rows = [(i, "A", i % 7, i % 5, "Man" if i < 30 else "AUTO") for i in ROWS]
+    columns = "ts INTEGER, name TEXT, op REAL, pv REAL, mode TEXT"
+    table = Table(tmp_path, columns, rows, f'{MOMENTS}auto = "mode"\n')
+    (window,) = table.windows(table.pieces()[0])
+    assert window.auto is not None
+    np.testing.assert_array_equal(window.auto, [i >= 30 for i in ROWS])
+
+
+def test_what_a_table_loses_is_noted(tmp_path: Path) -> None:
+    """An hour that local time repeats, and an OP that is stored when it changes."""
+    rows = [(i % 80, "A", i % 7, i % 5) for i in ROWS]
+    (tmp_path / "hour").mkdir()
+    table = Table(tmp_path / "hour", "ts INTEGER, name TEXT, op REAL, pv REAL", rows, MOMENTS)
+    (window,) = table.windows(table.pieces()[0])
+    assert window.notes[0].startswith("20 rows have the moment of another")
+    rows = [(i, "A.PV", i % 5) for i in ROWS] + [(i, "A.OP", i) for i in ROWS if i % 9 == 0]
+    table = Table(tmp_path, "ts INTEGER, name TEXT, val REAL", rows, TAGS)
+    (window,) = table.windows(table.pieces()[0])
+    assert window.notes[0].startswith("A.OP has values at 12 of the 100 moments of A.PV")

@@ -32,7 +32,7 @@ def test_op_alone_and_a_folder(recording: Path, tmp_path: Path) -> None:
     (folder / "LOOP.csv").write_text(recording.read_text())
     (folder / "BROKEN.csv").write_text("a,b\n1,2\n")
     result = CliRunner().invoke(app, ["diagnose", str(folder), "--json"])
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == 1, result.output  # of a recording that cannot be used
     document = json.loads(result.stdout)
     assert set(document) == keys_of("docs/diagnosis.md", "key of several")
     assert set(document["loops"]) == {"ALONE", "LOOP"}

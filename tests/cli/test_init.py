@@ -93,8 +93,13 @@ def test_values_of_the_other_word_order_are_named(port: int) -> None:
     assert "FC101.OP = 2.373519339e-41 %" in result.stderr
     hint = next(line for line in result.stderr.splitlines() if "--word-order" in line)
     assert "FC101.OP" in hint
+    # The same for a site that is there already.
+    again = CliRunner().invoke(app, ["read", "site.toml"])
+    assert again.exit_code == 0, again.output
+    assert "FC101.OP" in next(line for line in again.stderr.splitlines() if "word_order" in line)
     right = run("clear.csv", *options, "--out", "b.toml")
     assert "--word-order" not in right.stderr
+    assert "word_order" not in CliRunner().invoke(app, ["read", "b.toml"]).stderr
 
 
 @pytest.mark.usefixtures("folder")

@@ -59,6 +59,21 @@ async def test_on_hold_the_newest_model_waits_and_the_block_in_force_stays(
     assert b.plc.state.ack_seq != seq
 
 
+async def test_a_cleared_enable_bit_is_why_a_block_is_not_used(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench()
+    await b.write(findings(7.0))
+    assert (b.writeback.compensates, b.writeback.unused) == (True, "")
+    device.words[layout.enable] = 0
+    await b.seconds(5)
+    assert b.writeback.compensates is False
+    assert b.writeback.unused.startswith("the PLC's enable bit is off")
+    device.words[layout.enable] = 1
+    await b.seconds(5)
+    assert (b.writeback.compensates, b.writeback.unused) == (True, "")
+
+
 async def test_switched_off_not_a_register_is_written_and_the_plc_drops_its_model(
     bench: Callable[..., Bench], findings: Make, device: Any
 ) -> None:
@@ -73,6 +88,7 @@ async def test_switched_off_not_a_register_is_written_and_the_plc_drops_its_mode
     assert len(device.writes) == written
     assert b.plc.state.in_force is None
     assert b.writeback.compensates is False
+    assert "no heartbeat reaches the PLC" in b.writeback.unused
     assert b.outcomes[-1] is WritebackOutcome.SWITCHED_OFF
     with pytest.raises(FieldlinkError, match="switched off"):
         b.writeback.withdraw("repair", 0.0)

@@ -71,6 +71,26 @@ def test_what_is_no_signal_is_named(more: dict[str, object], word: str) -> None:
             ask(loop.op, loop.pv, **more)  # type: ignore[operator]
 
 
+@pytest.mark.parametrize("size", [0, 1, 10])
+def test_a_record_of_a_few_samples_is_too_short(size: int) -> None:
+    row = np.arange(float(size))
+    with pytest.raises(EstimatorError, match=f"a record of {size} samples is too short: give 20"):
+        diagnose(row, row[::-1])
+
+
+def test_a_signal_without_samples_is_named() -> None:
+    with pytest.raises(EstimatorError, match="pv has no finite sample"):
+        diagnose(np.arange(100.0), np.full(100, np.nan))
+
+
+def test_whatever_is_not_zero_is_automatic() -> None:
+    # True is -1 in some PLCs and databases.
+    loop = run(band=4.0, jump=2.0, n=600)
+    flags = np.where(np.arange(600) < 150, 0.0, -1.0)
+    told = [diagnose(loop.op, loop.pv, auto=one, advice=False) for one in (flags, -flags)]
+    assert told[0].to_dict() == told[1].to_dict()
+
+
 def test_a_record_that_keeps_each_value_is_diagnosed_on_each_value_once() -> None:
     loop = run(band=4.0, jump=2.0, n=600)
     held = [np.repeat(one, 4) for one in (loop.op, loop.pv, loop.sp)]

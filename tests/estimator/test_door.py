@@ -16,6 +16,7 @@ from fieldlink.diagnosis import diagnose
 
 N = 300
 WAVE = np.sin(np.arange(N) / 8.0)
+ANSWER = 0.5 * np.roll(WAVE, 3)
 
 
 @pytest.mark.parametrize(
@@ -23,6 +24,10 @@ WAVE = np.sin(np.arange(N) / 8.0)
     [
         (WAVE, WAVE[:-1], {}, "op has 300 samples and pv has 299"),
         (["a"] * N, WAVE, {}, "op is not numeric"),
+        (pd.Series([pd.NA, *WAVE[1:]], dtype=object), WAVE, {}, "pandas.to_numeric(op, "),
+        (pd.date_range("2026", periods=N), WAVE, {}, "op holds times"),
+        (WAVE, WAVE.copy(), {}, "op and pv are the same samples"),
+        (WAVE, WAVE, {"period": np.timedelta64(1, "s")}, "give the seconds between samples"),
         (WAVE.reshape(2, -1), WAVE, {}, "shape (2, 150)"),
         (WAVE, np.full(N, np.nan), {}, "pv has no finite sample"),
         ([], [], {}, "a window of 0 samples is too short"),
@@ -100,22 +105,21 @@ def test_times_in_uneven_steps_are_refused_with_the_row_and_a_remedy() -> None:
 
 
 def test_a_series_with_times_is_judged_as_its_samples_are() -> None:
-    pv = 0.5 * np.roll(WAVE, 3)
-    named = identify(_series(WAVE), _series(pv)).to_dict()
-    plain = identify(WAVE, pv, period=2.0).to_dict()
+    named = identify(_series(WAVE), _series(ANSWER)).to_dict()
+    plain = identify(WAVE, ANSWER, period=2.0).to_dict()
     assert {**named, "seconds": 0} == {**plain, "seconds": 0}
 
 
 @pytest.mark.parametrize(
     ("op", "pv", "options", "code"),
     [
-        (WAVE[:40], WAVE[:40], {}, ReasonCode.TOO_FEW_SAMPLES),
+        (WAVE[:40], ANSWER[:40], {}, ReasonCode.TOO_FEW_SAMPLES),
         (np.full(N, 42.0), WAVE, {}, ReasonCode.OP_CONSTANT),
         (WAVE, np.full(N, 7.0), {}, ReasonCode.PV_FROZEN),
         (np.clip(WAVE, -2, -0.5), WAVE, {}, ReasonCode.OP_AT_LIMIT),
         (WAVE, np.clip(WAVE, -0.2, 2), {}, None),
         (WAVE, np.clip(WAVE, 0.3, 2), {}, ReasonCode.PV_AT_LIMIT),
-        (WAVE, WAVE, {"auto": np.arange(N) > 250}, ReasonCode.NOT_IN_AUTOMATIC),
+        (WAVE, ANSWER, {"auto": np.arange(N) > 250}, ReasonCode.NOT_IN_AUTOMATIC),
         (
             WAVE,
             np.where(np.arange(N) % 2, WAVE, np.nan),
@@ -147,7 +151,7 @@ def test_every_reason_has_advice() -> None:
     assert all(code.advice.endswith(".") for code in ReasonCode)
 
 
-@pytest.mark.parametrize("pv", [WAVE, np.full(N, 1.0)], ids=["assessed", "not assessed"])
+@pytest.mark.parametrize("pv", [ANSWER, np.full(N, 1.0)], ids=["assessed", "not assessed"])
 def test_json_contract(pv: np.ndarray) -> None:
     found = identify(WAVE, pv, period=10.0).to_dict()
     assert json.loads(json.dumps(found, allow_nan=False)) == found

@@ -10,7 +10,7 @@ from asyncua import ua
 
 from fieldlink.links import LinkError, SystemClock, open_link
 from fieldlink.links.opcua_session import OpcuaSession, StatusError
-from fieldlink.site import Device, Site, SiteError, check
+from fieldlink.site import Device, Site, SiteError, check, load_site
 from tests.links.opcua_certificates import write_certificate
 
 
@@ -91,6 +91,19 @@ def test_check_warns_of_certificates_that_are_over(
     warned = [warning for warning in check(site).warnings if "cert" in warning]
     assert len(warned) == (2 if said else 0)
     assert all(said in warning for warning in warned)
+    with site.path.open("a") as file:
+        file.write(
+            '\n[web]\ntls_certificate = "our.pem"\ntls_key = "our.key.pem"\n[opcua_server]\n'
+            'cert = "our.pem"\nkey = "our.key.pem"\n[mqtt]\nhost = "b"\n[mqtt.tls]\n'
+            'ca = "server.pem"\ncert = "our.pem"\nkey = "our.key.pem"\n'
+        )
+    warned = [warning for warning in check(load_site(site.path)).warnings if "cert" in warning]
+    assert len(warned) == (5 if said else 0)
+    assert all(said in warning for warning in warned)
+    named = {warning.partition(" our.pem")[0] for warning in warned}
+    assert named >= (
+        {"web.tls_certificate", "opcua_server.cert", "mqtt.tls.cert"} if said else set()
+    )
     (tmp_path / "server.pem").write_text("no certificate")
     assert any(
         "server.pem cannot be read as a certificate" in warning for warning in check(site).warnings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import struct
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from asyncua import Client
 
 from fieldlink.daemon import Daemon
 from fieldlink.links import LinkState, open_link
@@ -69,6 +71,23 @@ class Between:
             return
         finally:
             writer.close()
+
+
+@pytest.mark.parametrize("error", [struct.error("unpack requires 4 bytes"), AssertionError()])
+async def test_a_handshake_that_cannot_be_read_is_a_reason_of_the_device(
+    make_opcua_site: Callable[..., Site], monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """What asyncua raised over bytes that were changed on their way, one in forty handshakes."""
+
+    async def connect(_: Client) -> None:
+        raise error
+
+    monkeypatch.setattr(Client, "connect", connect)
+    link: Any = open_link(make_opcua_site(4840, loops=1).with_device("plc", timeout=0.2), "plc")
+    scan = await link.scan()
+    await link.close()
+    assert link.state is LinkState.DEMOTED
+    assert "its answer cannot be read (" in str(scan.failures[0])
 
 
 @pytest.mark.parametrize("mode", in_suite(1, ["subscribe", "read"]))

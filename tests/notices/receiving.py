@@ -54,12 +54,24 @@ class HookServer:
 
 
 class Mails:
-    """What a mail server took; ``refuse`` is its answer instead, where given."""
+    """What a mail server took.
+
+    ``refuse`` is its answer instead, where given; for ``unknown`` addresses it has no mailbox.
+    """
 
     def __init__(self) -> None:
         self.taken: list[Envelope] = []
         self.logins: list[tuple[str, str]] = []
         self.refuse = ""
+        self.unknown: set[str] = set()
+
+    async def handle_RCPT(  # noqa: N802
+        self, _server: SMTP, _session: Session, envelope: Envelope, address: str, _options: Any
+    ) -> str:
+        if address in self.unknown:
+            return "550 no such mailbox"
+        envelope.rcpt_tos.append(address)
+        return "250 OK"
 
     async def handle_DATA(self, _server: SMTP, _session: Session, envelope: Envelope) -> str:  # noqa: N802
         if self.refuse:

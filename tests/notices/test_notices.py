@@ -50,7 +50,10 @@ def site_of(folder: Path, notify: str) -> Site:
     (folder / "map.csv").write_text(
         "tag,table,address,type\nOP,holding,0,float32\nPV,holding,2,float32\n"
     )
-    (folder / "site.toml").write_text(SITE + notify)
+    site = SITE
+    if notify.startswith("page = "):
+        site = site.replace('page = "https://edge.example:9480/"\n', "")
+    (folder / "site.toml").write_text(site + notify)
     return load_site(folder / "site.toml")
 
 
@@ -349,10 +352,10 @@ async def test_a_notice_that_cannot_be_sent_at_all_is_given_up(
     people = People(site_of(tmp_path, hook_table(hook.port)))
     send, broken = people.notifying._receivers["web_hook"].send, ValueError("a defect")
 
-    async def stumble(notice: Notice) -> None:
+    async def stumble(notice: Notice) -> str:
         if notice.subject.endswith("-1"):
             raise broken
-        await send(notice)
+        return await send(notice)
 
     people.notifying._receivers["web_hook"].send = stumble  # type: ignore[method-assign]
     async with people.notifying.running():
@@ -391,6 +394,40 @@ async def test_a_damaged_outbox_is_replaced_whenever_the_damage_is_met(
     assert list(tmp_path.glob("data/notices.damaged-*.sqlite"))
 
 
+async def test_an_address_that_is_refused_beside_others_is_told(
+    mails: tuple[Mails, MailServer], tmp_path: Path
+) -> None:
+    taken, server = mails
+    taken.unknown = {"b@mill.example"}
+    async with People(site_of(tmp_path, mail_table(server.port))).running() as people:
+        people.notifying.put(finding())
+        await until(lambda: "notice.refused" in people.told.kinds(), "the event")
+    assert [mail.rcpt_tos for mail in taken.taken] == [["a@mill.example"]]
+    (said,) = [said for kind, _, said in people.told.events if kind == "notice.refused"]
+    assert said.endswith("takes no mail for b@mill.example (SMTP 550); correct notify.mail.to")
+    command = ["notify", "test", str(tmp_path / "site.toml")]
+    result = await asyncio.to_thread(CliRunner().invoke, app, command)
+    assert result.exit_code == 1
+    assert "b@mill.example (SMTP 550)" in result.output
+    assert len(taken.taken) == 2
+
+
+async def test_a_secret_that_is_put_right_is_used_for_the_next_attempt(
+    hook: HookServer, tmp_path: Path
+) -> None:
+    (tmp_path / "token").write_text("old\n")
+    hook.status = 401
+    people = People(site_of(tmp_path, hook_table(hook.port, 'token_file = "token"\n')))
+    async with people.running():
+        people.notifying.put(finding())
+        await until(lambda: people.report("web_hook").failed == 1, "a refusal")
+        (tmp_path / "token").write_text("new\n")
+        hook.status = 200
+        people.now_ms += 1000
+        await people.until_delivered("web_hook", 1)
+    assert [headers["authorization"] for headers, _ in hook.posts] == ["Bearer old", "Bearer new"]
+
+
 async def test_starttls_is_never_left_out(mails: tuple[Mails, MailServer], tmp_path: Path) -> None:
     taken, server = mails
     site = site_of(tmp_path, mail_table(server.port, ""))
@@ -422,7 +459,15 @@ def test_the_command_tries_every_receiver(mails: tuple[Mails, MailServer], tmp_p
         ('[notify.web_hook]\nurl = "mailto:x"\n', "url is not a web address"),
         (
             '[notify.web_hook]\nurl = "http://far.example/x"\ntoken_variable = "T"\n',
-            "the token would cross the network unencrypted",
+            "the token or password would cross the network unencrypted",
+        ),
+        (
+            '[notify.web_hook]\nurl = "http://me:word@far.example/x"\n',
+            "the token or password would cross the network unencrypted",
+        ),
+        (
+            'page = "https://edge.example/pages?a=b"\n' + hook_table(80),
+            "links begin with it",
         ),
         (mail_table(25, 'security = "none"\n').replace("a@", "a "), "is not a mail address"),
         (mail_table(25).replace("a@", "ä@"), "is not a mail address; write NAME@HOST in ASCII"),

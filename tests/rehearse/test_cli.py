@@ -93,3 +93,18 @@ def test_a_self_test_wants_every_defect_to_show(
     run = in_this_process(str(path), "--self-test")
     assert run.exit_code == status, run.output
     assert re.search(rf"small +{defect} +(failed +yes|passed +no)", run.output)
+
+
+@pytest.mark.parametrize(
+    "option", [["--self-test"], ["--report", "out"], ["--inject", "no-repair"]]
+)
+def test_what_asks_for_a_run_needs_a_scenario(option: list[str]) -> None:
+    run = in_this_process(*option)
+    assert run.exit_code == 2, run.output
+    assert "--all" in run.output
+
+
+def test_a_self_test_without_a_defect_proves_nothing(write_scenario: WriteScenario) -> None:
+    run = in_this_process(str(write_scenario()), "--self-test")
+    assert run.exit_code == 2, run.output
+    assert "names no defect that must make it fail" in re.sub(r"[\s│]+", " ", run.output)

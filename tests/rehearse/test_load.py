@@ -107,3 +107,16 @@ def test_a_name_means_a_shipped_scenario_and_a_path_a_file(write_scenario: Write
         find_scenario("healthy_valve")
     with pytest.raises(ScenarioError, match=r"there is no scenario file nowhere\.toml"):
         find_scenario("nowhere.toml")
+
+
+def test_an_fmu_that_is_not_there_is_named_in_the_scenario(write_scenario: WriteScenario) -> None:
+    path = write_scenario()
+    text = path.read_text()
+    path.write_text(text.replace('"example1"', '"nowhere.fmu"'))
+    with pytest.raises(SiteError, match=r"small.toml:\d+: plant.fmu: there is no file nowhere.fmu"):
+        load_scenario(path)
+
+
+def test_a_number_in_place_of_points_is_shown_as_points(write_scenario: WriteScenario) -> None:
+    with pytest.raises(SiteError, match=r"valve.stick_band: 9 is no array; write .*\[\[0, 9\]\]"):
+        load_scenario(write_scenario(more="[valve]\nstick_band = 9"))

@@ -88,8 +88,10 @@ def test_a_mode_in_numbers_and_a_date_without_time_are_left_out_with_a_note(
         ("A.OP;A.PV;A.OUT;B.OUT;B.PV;C.MV;C.Istwert", "A B C"),
         ("Öl-1 OUT;Öl-1 PV;Öl-2 OUT;Öl-2 PV", "Öl-1 Öl-2"),
         ("op;pv;A.OP;A.PV;B.OP;B.PV", ""),
-        ("A.OP;A.PV;B.OP", ""),
-        ("A.OP;A.OP;A.PV;B.OP;B.PV", ""),
+        ("A.OP;A.PV", ""),
+        ("A.OP;A.PV;B.OP", "A"),
+        ("A.OP;A.PV;T1.PV;T2.PV", "A"),
+        ("A.OP;A.OP;A.PV;B.OP;B.PV", "B"),
     ],
 )
 def test_loops_beside_each_other_are_known_by_their_names(header: str, loops: str) -> None:

@@ -201,3 +201,16 @@ def test_the_repeated_hour_of_summer_time(tmp_path: Path) -> None:
     assert found.period == pytest.approx(120.0)
     np.testing.assert_allclose(found.pv, PV)
     np.testing.assert_allclose(found.op, OP)
+
+
+def test_a_loop_beside_tags_without_a_valve_is_read_and_named(tmp_path: Path) -> None:
+    path = tmp_path / "long.csv"
+    lonely = [(tag.replace("FC101.PV", "TI7.PV"), *rest) for tag, *rest in values()]
+    lonely = [row for row in lonely if row[0] == "TI7.PV"]
+    other = [("FC9.OP", *rest) for tag, *rest in values() if tag == "FC101.OP"]
+    path.write_text(table("Timestamp,Tag,Value", plain, values() + lonely + other))
+    ((name, found),) = read_recordings(path, COLUMNS)
+    assert name == "FC101"
+    assert "left out, not one OP with one PV: FC9.OP" in found.notes
+    path.write_text(table("Timestamp,Tag,Value", plain, values()))
+    assert [name for name, _ in read_recordings(path, COLUMNS)] == ["FC101"]

@@ -267,3 +267,33 @@ def test_a_size_in_bits_says_nothing_new_or_that_the_type_is_wrong(tmp_path: Pat
     assert problem.line == 4
     assert problem.message == "32 is given for int16, which takes 1 register"
     assert problem.remedy.startswith("correct the type if it takes more (int32")
+
+
+def test_memory_words_of_12288_and_more_are_registers(tmp_path: Path) -> None:
+    # WAGO counts %MW0 as 12288, which manuals that begin with a table's digit use for inputs.
+    (tmp_path / "list.csv").write_text(
+        "Name,Address,Type\nOP,12288,INT\nPV,12289,REAL\nAUTO,12291,BOOL\n"
+    )
+    found = import_map(tmp_path / "list.csv")
+    assert not found.problems
+    assert {tag.address: tag.table.value for tag in found.tags.values()} == dict.fromkeys(
+        (12288, 12289, 12291), "holding"
+    )
+    (tmp_path / "list.csv").write_text("Name,Address,Type\nRUN,10001,BOOL\nOP,40001,INT\n")
+    assert [tag.table.value for tag in import_map(tmp_path / "list.csv").tags.values()] == [
+        "discrete",
+        "holding",
+    ]
+
+
+def test_the_places_of_a_data_block_are_not_added_to_values(tmp_path: Path) -> None:
+    rows = 'OP;REAL;0.0;40001\nPV;REAL;4.0;40003\n"A";BOOL;8.0;40005\n"B";BOOL;8.1;40006\n'
+    path = tmp_path / "list.csv"
+    path.write_text(f"Name;Datentyp;Offset;Modbus-Adresse\n{rows}")
+    found = import_map(path)
+    assert [tag.offset for tag in found.tags.values()] == [0.0] * 4
+    assert any("counts up row by row" in note for note in found.notes)
+    said = import_map(path, headings={"offset": "Offset"})
+    assert said.tags["PV"].offset == 4.0
+    path.write_text("Name;Type;Offset;Address\nOP;INT;0;1\nPV;INT;-40;2\nT;INT;-40;3\n")
+    assert import_map(path).tags["PV"].offset == -40.0

@@ -335,3 +335,22 @@ def test_a_packed_file_is_to_be_unpacked(write: Write) -> None:
         file.writestr("loop.csv", text)
     said = messages(write(archive.getvalue()))
     assert said == " is a ZIP file and no workbook; unpack it first"
+
+
+@pytest.mark.parametrize("bad", ["-9999", "-999", "32767", "4294967295", "99999.0"])
+def test_numbers_that_stand_for_no_value_are_bad_samples(write: Write, bad: str) -> None:
+    found = read_recording(
+        write("op,pv", lambda k: f"{bad},{bad}" if k in (7, 8) else f"{50 + k / 9:.3f},{20 - k}")
+    )
+    assert np.flatnonzero(np.isnan(found.op)).tolist() == [7, 8]
+    assert np.flatnonzero(np.isnan(found.pv)).tolist() == [7, 8]
+    assert any(f"{float(bad):.10g} at 2 rows" in note for note in found.notes)
+
+
+def test_such_a_number_among_its_like_is_a_measurement(write: Write) -> None:
+    counts = read_recording(write("op,pv", lambda k: f"{25000 + 200 * k},{999 if k == 5 else 900}"))
+    assert not np.isnan(counts.op).any()
+    assert not np.isnan(counts.pv).any()
+    top = read_recording(write("op,pv", lambda k: f"{min(32767, 30000 + 100 * k)},{9999 - k}"))
+    assert not np.isnan(top.op).any()
+    assert not np.isnan(top.pv).any()

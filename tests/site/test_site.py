@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -198,6 +199,22 @@ def test_a_site_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b'[site]\nname = "Gr\xf6\xdfe"\n')
     with pytest.raises(SiteError, match="is not UTF-8 text"):
         load_site(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[a.b]\n[a.b]\n", ":2: is not TOML: [a.b] is there already; join the two tables"),
+        ("[a]\nb = { c = 1 }\n[a.b]\n", ":3: is not TOML: [a.b] is there already; join"),
+        ("enabled = yes\n", ":1: is not TOML: Invalid value; texts stand in straight"),
+        ("host = 192.168.1.10\n", "one key a line; texts stand in"),
+        ('map = "C:\\maps"\n', "write / or \\\\ in its place"),
+    ],
+)
+def test_slips_against_toml_have_a_remedy(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "site.toml").write_text(text)
+    with pytest.raises(SiteError, match=re.escape(said)):
+        load_site(tmp_path / "site.toml")
 
 
 JSON = st.recursive(

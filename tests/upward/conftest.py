@@ -195,5 +195,6 @@ def documents(tap: WireTap, kind: str | None = None) -> list[dict[str, Any]]:
         json.loads(packet.payload)
         for connection in tap.of("-json")
         for packet in connection.published
+        if packet.payload
     ]
     return [document for document in found if kind in (None, document.get("kind"))]

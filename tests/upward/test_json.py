@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+from fieldlink.site import load_site
 from fieldlink.upward.sparkplug_payload import DataType, Metric, Payload, encode
 from tests.upward.client import Client
-from tests.upward.conftest import event, finding, sample, until, verdict
+from tests.upward.conftest import documents, event, finding, sample, until, verdict
 from tests.upward.mosquitto import Mosquitto
 from tests.upward.wiretap import WireTap
 
@@ -74,6 +76,53 @@ async def test_an_open_finding_is_retained_and_a_closed_one_leaves_the_broker(
         async with Client(tap.broker, topic, "fieldlink/mill 4/online") as later:
             await until(lambda: later.received, "a retained message")
             assert [place for place, _, _ in later.received] == ["fieldlink/mill 4/online"]
+
+
+async def test_what_a_loop_left_behind_leaves_the_broker(
+    bench: Callable[..., Any], tap: WireTap
+) -> None:
+    base = "fieldlink/mill 4"
+
+    async def keeps(*places: str) -> None:
+        """Wait until these topics are retained beside those of the site."""
+        wanted = {"/online", "/health", *places}
+        found: set[str] = set()
+        for _ in range(100):
+            async with Client(tap.broker, f"{base}/#") as late:
+                await asyncio.sleep(0.1)
+                found = {topic.removeprefix(base) for topic, _, _ in late.received}
+            if found == wanted:
+                return
+        pytest.fail(f"{found} instead of {wanted}")
+
+    async with bench(tap.port, 'formats = ["json"]') as running:
+        running.put(verdict("FC101", 1.0), verdict("FC102", 2.0))
+        await until(lambda: running.waiting == 0, "the verdicts")
+        await keeps("/U1%2Feast/FC101/estimate", "/plant/FC102/estimate")
+        # A reload of the site file: one loop gets another area, the other one is taken out.
+        text = running.site.path.read_text().replace("U1/east", "U2")
+        head, _, rest = text.partition("[loops.FC102]")
+        running.site.path.write_text(f"{head}[mqtt]{rest.partition('[mqtt]')[2]}")
+        running.site = load_site(running.site.path)
+        running.publishing.follow(running.site)
+        running.put(verdict("FC101", 3.0))
+        await until(lambda: documents(tap, "left"), "the farewell")
+        await until(lambda: running.waiting <= -1, "everything")
+        await keeps("/U2/FC101/estimate")
+    (told,) = documents(tap, "left")
+    assert told["topics"] == [
+        f"{base}{place}/{kind}"
+        for place in ("/U1%2Feast/FC101", "/plant/FC102")
+        for kind in ("estimate", "writeback")
+    ]
+    # The same while the daemon is down: the site file is as it was at first.
+    async with bench(tap.port, 'formats = ["json"]') as running:
+        running.put(verdict("FC102", 2.0))
+        await until(lambda: len(documents(tap, "left")) == 2, "the farewell")
+        await until(lambda: running.waiting <= -1, "everything")
+        await keeps("/plant/FC102/estimate")
+    numbers = [told["id"] for told in documents(tap) if "id" in told]
+    assert numbers == list(range(1, len(numbers) + 1))
 
 
 async def test_a_daemon_that_dies_is_offline_by_its_will(

@@ -248,6 +248,33 @@ def test_a_fleet_is_told_in_parts_that_an_answer_has_time_for(loops: int) -> Non
     assert list(serving.parts_of({"time": 1.0, **nothing})) == [{"time": 1.0, **nothing}]
 
 
+async def test_a_loop_that_leaves_the_site_ends_its_values_and_may_come_back() -> None:
+    said: asyncio.Queue[tuple[Any, str]] = asyncio.Queue()
+
+    class Handler:
+        def datachange_notification(self, _node: Any, value: Any, data: Any) -> None:
+            said.put_nowait((value, data.monitored_item.Value.StatusCode.name))
+
+    async with served() as server:
+        await server.show(dict.fromkeys(("A", "B", "C", "D"), LOOP))
+        async with Client(server.address, timeout=60.0) as client:
+            subscription = await client.create_subscription(50, Handler())
+            await subscription.subscribe_data_change(
+                client.get_node("ns=1;s=Loops/A/SignalSet/StickBand/AnalogSignal")
+            )
+            assert await said.get() == (2.5, "Good")
+            await server.show({"D": LOOP})
+            assert await said.get() == (None, "BadNodeIdUnknown")
+            devices = client.get_node(f"ns={await client.get_namespace_index(DI)};i=5001")
+            for folder, names in (("ns=1;s=Loops", ["D"]), (devices.nodeid, ["plc", "D"])):
+                shown = await client.get_node(folder).get_children()
+                assert {(await node.read_browse_name()).Name for node in shown} == set(names)
+            await server.show({"A": LOOP | {"StickBand": 9.0}}, names=["A", "D"])
+            assert await said.get() == (9.0, "Good")
+            shown = await client.get_node("ns=1;s=Loops").get_children()
+            assert [node.nodeid.Identifier for node in shown] == ["Loops/D", "Loops/A"]
+
+
 async def test_the_bound_of_memory_grows_with_the_loops() -> None:
     resource = pytest.importorskip("resource")
     first = {f"A{number}": LOOP for number in range(20)}

@@ -271,6 +271,21 @@ def test_a_spool_that_could_not_be_replaced_is_tried_again(
     found.close()
 
 
+async def test_a_spool_that_cannot_be_opened_at_the_start_is_tried_again(
+    bench: Callable[..., Any], broker_process: Mosquitto, tmp_path: Path
+) -> None:
+    file = tmp_path / "data/mqtt_spool.sqlite"
+    file.mkdir(parents=True)
+    async with bench(broker_process.port) as running:
+        running.put(*(sample("FC101", number) for number in range(5)))
+        await until(lambda: "mqtt.lost" in running.kinds(), "the formats' trouble")
+        assert running.events[0][0] == "mqtt.spool_failing"
+        file.rmdir()
+        await until(lambda: running.waiting == 0, "everything delivered")
+        assert "mqtt.spool_written" in running.kinds()
+        assert "mqtt.spool_replaced" not in running.kinds()
+
+
 def test_a_spool_that_cannot_be_opened_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "s.sqlite").mkdir()
     refused = Spool(tmp_path / "s.sqlite", ["a"], most_bytes=10**6, longest=1.0)

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from fieldlink.site import load_site
 from fieldlink.upward import sparkplug_format
 from fieldlink.upward.messages import Message
 from fieldlink.upward.sparkplug_node import EdgeNode
@@ -95,6 +96,20 @@ async def test_a_rebirth_request_gives_births_in_the_same_connection(
     assert [metric.value for metric in births] == [None, None, "stiction", None]
     numbers = {metric.value for metric in metrics_sent(tap, "NBIRTH") if metric.name == "bdSeq"}
     assert len(numbers) == 1
+
+
+async def test_a_loop_that_leaves_the_site_dies_before_the_new_births(
+    bench: Callable[..., Any], tap: WireTap
+) -> None:
+    async with bench(tap.port, 'formats = ["sparkplug"]') as running:
+        await until(lambda: tap.of("-sparkplug") and len(verbs(tap)) == 3, "births")
+        head, _, rest = running.site.path.read_text().partition("[loops.FC102]")
+        running.site.path.write_text(f"{head}[mqtt]{rest.partition('[mqtt]')[2]}")
+        running.site = load_site(running.site.path)
+        running.publishing.follow(running.site)
+        await until(lambda: verbs(tap).count("DBIRTH/FC101") == 2, "the births")
+    assert verbs(tap)[3:] == ["DDEATH/FC102", "NBIRTH", "DBIRTH/FC101", "NDEATH"]
+    assert_conforms(tap)
 
 
 async def test_a_flood_of_rebirth_requests_gets_one_birth(

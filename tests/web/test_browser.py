@@ -357,6 +357,14 @@ def test_the_judged_window_is_shown_on_a_phone_too(store_page: str, browser: Any
     page.close()
 
 
+def test_a_loop_that_is_gone_is_told_from_a_silent_daemon(store_page: str, page: Any) -> None:
+    gone = {"error": "there is no such loop"}
+    page.route("**/fragments/loops/**", lambda route: route.fulfill(status=404, json=gone))
+    page.goto(f"{store_page}/loops/LIC-0001")
+    expect(page.locator("#lost")).to_contain_text("Fieldlink cannot tell this since")
+    expect(page.locator("#lost")).to_contain_text("there is no such loop")
+
+
 def test_without_a_daemon_there_are_no_actions(store_page: str, page: Any) -> None:
     page.goto(f"{store_page}/loops/LIC-0001")
     assert page.locator("#act").count() == 0

@@ -11,11 +11,13 @@ from typing import Any
 
 import httpx
 import pytest
+import structlog
+import trustme
 from prometheus_client.parser import text_string_to_metric_families
 
 from fieldlink.daemon import Daemon
 from fieldlink.site import Site, load_site
-from fieldlink.web import WebError, web_server
+from fieldlink.web import WebError, certificate, web_server
 
 TOKEN = "0123456789abcdef0123456789abcdef"
 
@@ -151,9 +153,15 @@ async def test_a_foreign_name_for_this_machine_gets_no_figures(
                 answer = await client.get(f"http://127.0.0.1:{port}/{name}", headers=foreign)
                 assert answer.status_code == status
                 assert "fieldlink_" not in answer.text
-            near = {"Host": f"localhost:{port}"}
-            answer = await client.get(f"http://127.0.0.1:{port}/metrics", headers=near)
-            assert answer.status_code == 200
+            for host in ("attacker.example:", "attacker.example:99999", "127.0.0.1@x", "[::1"):
+                answer = await client.get(
+                    f"http://127.0.0.1:{port}/metrics", headers={"Host": host}
+                )
+                assert answer.status_code == 421
+            for host in (f"localhost:{port}", "LOCALHOST", f"[::1]:{port}", "127.0.0.2"):
+                near = {"Host": host}
+                answer = await client.get(f"http://127.0.0.1:{port}/metrics", headers=near)
+                assert answer.status_code == 200
         site = with_web(live.site_for(tmp_path, {"plc": 9}), f'token_file = "{token_file.name}"\n')
         async with web_server(site, Daemon(site)) as port:
             url = f"http://127.0.0.1:{port}/metrics"
@@ -205,11 +213,64 @@ async def test_tls(token_file: Path, tmp_path: Path, live: Any) -> None:
             await client.get(f"http://127.0.0.1:{port}/healthz")
 
 
+async def test_a_renewed_certificate_is_used_without_a_restart(
+    token_file: Path, tmp_path: Path, live: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(certificate, "LOOK_EVERY", 0.02)
+    first, second = trustme.CA(), trustme.CA()
+
+    def write(authority: trustme.CA, *, key: bool = True) -> None:
+        issued = authority.issue_cert("127.0.0.1")
+        issued.cert_chain_pems[0].write_to_path(tmp_path / "cert.pem")
+        if key:
+            issued.private_key_pem.write_to_path(tmp_path / "key.pem")
+
+    async def answers(port: int, authority: trustme.CA) -> bool:
+        trusted = ssl.create_default_context()
+        authority.configure_trust(trusted)
+        async with httpx.AsyncClient(verify=trusted, timeout=60.0) as client:
+            try:
+                await client.get(f"https://127.0.0.1:{port}/healthz")
+            except httpx.ConnectError:
+                return False
+        return True
+
+    write(first)
+    text = f'token_file = "{token_file.name}"\ntls_certificate = "cert.pem"\ntls_key = "key.pem"\n'
+    site = with_web(live.site_for(tmp_path, {"plc": 9}), text)
+    async with web_server(site, Daemon(site)) as port:
+        assert port is not None
+        assert await answers(port, first)
+        write(second, key=False)
+        with structlog.testing.capture_logs() as logs:
+            await live.until(lambda: bool(logs), "the log line")
+        assert logs[0]["event"] == "web.certificate_refused"
+        assert "does not belong" in logs[0]["error"]
+        assert await answers(port, first)
+        write(second)
+        for _ in range(1000):
+            if await answers(port, second):
+                break
+            await asyncio.sleep(0.02)
+        assert not await answers(port, first)
+
+
 async def test_a_certificate_that_is_none_is_reported(tmp_path: Path, live: Any) -> None:
     (tmp_path / "cert.pem").write_text("nothing")
     text = 'tls_certificate = "cert.pem"\ntls_key = "cert.pem"\n'
     site = with_web(live.site_for(tmp_path, {"plc": 9}), text)
     with pytest.raises(WebError, match="PEM files"):
+        async with web_server(site, Daemon(site)):
+            pytest.fail("it must not listen")
+    # A key with a password must not ask for it at a terminal that nobody watches.
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-passout", "pass:word", "-keyout",
+         tmp_path / "cert.pem", "-out", tmp_path / "own.pem", "-days", "2", "-subj", "/CN=x"],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    with (tmp_path / "cert.pem").open("ab") as file:
+        file.write((tmp_path / "own.pem").read_bytes())
+    with pytest.raises(WebError, match="the key has a password"):
         async with web_server(site, Daemon(site)):
             pytest.fail("it must not listen")
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import httpx
 import pytest
+import structlog
 
 from benchmarks.web_store import fill_store
 from fieldlink.daemon import Daemon
@@ -181,6 +182,19 @@ async def test_only_what_changed_is_sent_again(client: httpx.AsyncClient) -> Non
     assert set(again["rows"]) <= {"LIC-0001", "LIC-0006"}
 
 
+async def test_a_page_that_was_open_over_a_restart_gets_every_row(store: str) -> None:
+    revision = 0.0
+    for _ in range(2):
+        async with (
+            store_server(store, None, "127.0.0.1", 0) as address,
+            httpx.AsyncClient(base_url=address, timeout=60.0) as client,
+        ):
+            for known in (revision, revision + 1e6):
+                found = (await client.get(f"/fragments/fleet?revision={known}")).json()
+                assert len(found["rows"]) == len(found["order"]) == 10
+            revision = found["revision"] + 50
+
+
 async def test_no_answer_lets_a_foreign_origin_in(client: httpx.AsyncClient) -> None:
     for path in PAGES:
         answer = await client.get(path)
@@ -226,7 +240,11 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
             # Without the token a person is led to the login and a program is refused.
             assert (await client.get("/")).headers["location"] == "/login"
             assert (await client.get("/api/loops")).status_code == 401
-            assert (await client.post("/login", data={"token": "wrong"})).status_code == 401
+            with structlog.testing.capture_logs() as logs:
+                for _ in range(3):
+                    wrong = await client.post("/login", data={"token": "wrong"})
+                    assert wrong.status_code == 401
+            assert [line["event"] for line in logs].count("web.login_refused") == 1
             entered = await client.post("/login", data={"token": TOKEN})
             cookie = entered.headers["set-cookie"].lower()
             assert "httponly" in cookie
@@ -239,7 +257,7 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
             assert daemon.status().loops["PLC"].hold == ""
             right = {"Authorization": f"Bearer {TOKEN}"}
             assert (await client.get(path, headers=right)).status_code == 404
-            for wrong, message in (
+            for body, message in (
                 ({**asked, "action": "enable"}, "there is no action 'enable'"),
                 ({**asked, "who": ""}, "who is empty"),
                 ({**asked, "who": 5, "why": None}, "who is not a text"),
@@ -249,7 +267,7 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
                 ({**asked, "who": "x" * 81}, "at most 80"),
                 ([], "JSON object"),
             ):
-                refused = await client.post(path, json=wrong, headers=right)
+                refused = await client.post(path, json=body, headers=right)
                 assert refused.status_code == 400
                 assert message in refused.json()["error"]
             for content in (b"{", b"[" * 8000):
@@ -261,7 +279,11 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
             done = await client.post(path, json=asked, headers=right)
             assert done.json()["action"] == "hold"
             assert daemon.status().loops["PLC"].hold == "A. Meyer: leak"
+            odd = rb'{"action": "annotate", "who": "A", "why": "half \ud800, \u0000 \u001b[31m"}'
+            assert (await client.post(path, content=odd, headers=right)).status_code == 200
     events = read_events(site.historian_url)
+    noted = events[events["kind"] == "operator.annotate"]["message"].tolist()
+    assert noted == ["A: half ?, ? ?[31m"]
     assert events[events["kind"] == "operator.hold"]["source"].tolist() == ["PLC"]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import json
 import os
@@ -195,6 +196,17 @@ def test_a_recording_whose_name_is_not_utf8_is_a_row(tmp_path: Path) -> None:
     assert r"\xe4" in page
 
 
+def test_op_from_0_to_1_is_a_share_of_its_span(tmp_path: Path) -> None:
+    op, pv = limit_cycle()
+    rows = [f"{(50 + u) / 100:.8f},{y:.6f}" for u, y in zip(op, pv, strict=True)]
+    (tmp_path / "FC7.csv").write_text("\n".join(["op,pv", *rows]) + "\n")
+    (loop,) = json.loads(run("report", tmp_path, "--json").stdout)["loops"]
+    assert loop["stick_band"] == pytest.approx(4.0, rel=0.02)
+    assert loop["travel_per_day"] > 100.0
+    (given,) = json.loads(run("report", tmp_path, "--json", "--op-span", "100").stdout)["loops"]
+    assert given["stick_band"] == pytest.approx(0.04, rel=0.02)
+
+
 def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(
     tmp_path: Path,
 ) -> None:
@@ -236,6 +248,21 @@ def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(
     partial.close()
     (tmp_path / "FC7.csv").touch()
     assert PartialReport(out).find(tmp_path / "FC7.csv", None) is None
+
+
+def test_a_recorded_mode_counts_as_in_a_diagnosis_and_a_packed_file_has_a_row(
+    tmp_path: Path,
+) -> None:
+    op, pv = limit_cycle()
+    rows = [f"{u:.6f},{y:.6f},{int(k < 50)}" for k, (u, y) in enumerate(zip(op, pv, strict=True))]
+    (tmp_path / "FC7.csv").write_text("\n".join(["op,pv,auto", *rows]) + "\n")
+    (tmp_path / "FC8.csv.gz").write_bytes(gzip.compress(b"op,pv\n"))
+    (tmp_path / "._FC7.csv").write_text("attributes")
+    loops = json.loads(run("report", tmp_path, "--json").stdout)["loops"]
+    assert {loop["tag"]: loop["wrong"] for loop in loops} == {
+        "FC7": "manual",
+        "FC8.csv": "unreadable",
+    }
 
 
 def test_of_a_long_recording_the_newest_part_is_judged_and_the_page_says_so(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from estimator.outcomes import EstimatorError
 Array = NDArray[np.float64]
 
 LEAST_SAMPLES = 20
+"""Fewer show no correlation: its deviation is one over the root of their number."""
 
 
 def vector(name: str, samples: ArrayLike) -> Array:

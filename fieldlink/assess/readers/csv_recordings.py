@@ -9,10 +9,10 @@ import numpy as np
 
 from fieldlink.assess.cutting import cut_windows
 from fieldlink.assess.errors import ReadingError
+from fieldlink.assess.histories import named_by_file
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named
 from fieldlink.assess.series import Recorded, Series, runs_in_order
-from fieldlink.printable import as_text
 from fieldlink.site.missing_rows import contradicts_clock
 from fieldlink.site.recording import Recording, read_recordings
 
@@ -35,7 +35,7 @@ def csv_windows(job: Job, piece: Piece) -> Iterator[Named]:
             try:
                 for window in cut_windows(Recorded(run), piece, job.cut):
                     found = True
-                    yield name or as_text(path.stem), window
+                    yield name or named_by_file(path, recording.start), window
             except ReadingError as error:
                 # Another part of the recording may hold windows.
                 empty = error

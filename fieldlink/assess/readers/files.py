@@ -16,6 +16,7 @@ from fieldlink.errors import FieldlinkError
 from fieldlink.file_at import is_pipe_or_device
 from fieldlink.printable import as_text
 from fieldlink.site.long_columns import find_long_columns
+from fieldlink.site.recording import HIDDEN, PACKED, PARQUET
 from fieldlink.sqlite_url import sqlite_url
 
 __all__ = ["ENDINGS", "FileReader"]
@@ -55,9 +56,10 @@ ENDINGS = {
     ".csv": _csv,
     ".tsv": _csv,
     ".xlsx": _csv,
-    ".parquet": _parquet,
+    **dict.fromkeys(PARQUET, _parquet),
     ".mat": _matlab,
     ".sqlite": _sqlite,
+    **dict.fromkeys(PACKED, _csv),
 }
 """The files of a folder that are read; a file that is named itself may end otherwise: it is CSV."""
 
@@ -104,7 +106,7 @@ def _kind(path: str) -> tuple[_Pieces, _Windows]:
 
         if holds_one_loop(Path(path)):
             return _csv()
-    if path.lower().endswith(".parquet") and _has_a_row_for_each_value(path):
+    if path.lower().endswith(PARQUET) and _has_a_row_for_each_value(path):
         return _csv()
     return ENDINGS.get(Path(path).suffix.lower(), _csv)()
 
@@ -139,14 +141,15 @@ def _files(where: str, shown: str) -> Iterator[tuple[str, str]]:
     ):
         yield from _of_folders(closed, where, shown)
         closed.clear()
-        folders.sort()
+        folders[:] = sorted(name for name in folders if not name.startswith(HIDDEN))
         if RUN_FILE in names or {RECORD, "loops.csv"} <= set(names) or _is_known(folder, seen):
             # The folder of a run: its tables are not recordings. Or one that was read already.
             folders.clear()
             continue
         for name in sorted(names):
             path = Path(folder) / name
-            if path.suffix.lower() in ENDINGS and not _is_other_database(path):
+            is_meant = path.suffix.lower() in ENDINGS and not name.startswith(HIDDEN)
+            if is_meant and not _is_other_database(path):
                 yield str(path), _shown(path, where, shown)
     if where in closed:
         raise ReadingError(f"the folder {shown} {_why_closed(where)}")
@@ -196,7 +199,7 @@ def _refusal(path: str) -> str | None:
         return f"the folder {_why_closed(path)}"
     if is_pipe_or_device(path):
         return "is a pipe or a device; give a file"
-    if Path(path).suffix.lower() in (".parquet", ".sqlite") and as_text(path) != path:
+    if Path(path).suffix.lower() in (*PARQUET, ".sqlite") and as_text(path) != path:
         return "has a name that is not UTF-8, which the libraries of its format refuse; rename it"
     return None
 

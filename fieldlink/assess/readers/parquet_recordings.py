@@ -18,13 +18,19 @@ from numpy.typing import NDArray
 
 from fieldlink.assess.cutting import MIN_ROWS, cut_windows
 from fieldlink.assess.errors import ReadingError
+from fieldlink.assess.histories import named_by_file
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
+from fieldlink.assess.readers.parquet_values import good_rows, numbers_in, seconds_in, switch_in
 from fieldlink.assess.series import Recorded, Series
-from fieldlink.printable import as_text
-from fieldlink.site.column_names import PANDAS_INDEX, guess_columns, loops_side_by_side
+from fieldlink.site.column_names import (
+    PANDAS_INDEX,
+    guess_columns,
+    loops_side_by_side,
+    note_of_left_out,
+    quality_columns,
+)
 from fieldlink.site.errors import nearest
-from fieldlink.site.number_cells import parse_numbers
 from fieldlink.site.numbered_times import (
     TIME_UNITS,
     counts_a_second,
@@ -53,6 +59,17 @@ class _Columns:
     auto: str | None
     time: str | None
     loop: str | None
+    guesses_auto: bool
+
+    def qualities(self, header: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """The columns of quality with the roles whose values they judge."""
+        names = {"op": self.op, "pv": self.pv, "sp": self.sp}
+        numbers = {
+            role: None if name is None else header.index(name) for role, name in names.items()
+        }
+        taken = {self.loop, self.time, self.auto}
+        judged = quality_columns(header, numbers)
+        return {header[n]: roles for n, roles in judged.items() if header[n] not in taken}
 
 
 def parquet_pieces(job: Job, piece: Piece) -> Iterator[Piece]:
@@ -77,6 +94,8 @@ def parquet_pieces(job: Job, piece: Piece) -> Iterator[Piece]:
         if columns.time is None or not is_moment(span.first):
             yield own
         else:
+            if columns.loop is None:
+                own = replace(own, loop=own.loop or named_by_file(Path(piece.path), span.first))
             period = job.columns.period or max((span.last - span.first) / max(1, span.rows - 1), 0)
             yield from split_in_time(own, job.cut, span.first, span.last, period)
 
@@ -91,7 +110,11 @@ def parquet_windows(job: Job, piece: Piece) -> Iterator[Named]:
     unit = _counts_a_second(file, columns)
     chosen = None
     if columns.loop is not None:
-        chosen = _as_names(ds.field(columns.loop), schema.field(columns.loop).type) == piece.loop
+        field = ds.field(columns.loop)
+        chosen = _as_names(field, schema.field(columns.loop).type) == piece.loop
+        if not piece.loop:
+            # Rows without a name are one loop, as in a text file.
+            chosen |= field.is_null()
     for moment, is_first in ((piece.since, True), (piece.until, False)):
         if moment is not None and columns.time is not None:
             bound = _as_stored(moment, schema.field(columns.time).type, unit)
@@ -99,6 +122,7 @@ def parquet_windows(job: Job, piece: Piece) -> Iterator[Named]:
             side = field >= bound if is_first else field < bound
             chosen = side if chosen is None else chosen & side
     names = [columns.op, columns.pv, columns.sp, columns.auto, columns.time]
+    names += columns.qualities(schema.names)
     with _explained():
         table = ds.dataset(piece.path, format="parquet").to_table(
             columns=[name for name in names if name is not None], filter=chosen
@@ -107,9 +131,12 @@ def parquet_windows(job: Job, piece: Piece) -> Iterator[Named]:
         if piece.since is None and piece.until is None:
             raise ReadingError(f"has {table.num_rows} rows, at least {MIN_ROWS} are needed")
         return
-    series = _series(table, columns, job.columns.period, unit)
+    series = _series(table, columns, schema.names, job.columns.period, unit)
+    if piece.loop in _loops_beside(schema, job):
+        series = replace(series, notes=(*note_of_left_out(schema.names), *series.notes))
     for window in cut_windows(Recorded(series), piece, job.cut):
-        yield piece.loop or as_text(Path(piece.path).stem), window
+        start = float(series.time[0]) if series.dated else None
+        yield piece.loop or named_by_file(Path(piece.path), start), window
 
 
 @dataclass(slots=True)
@@ -193,7 +220,8 @@ def _find_columns(schema: Any, path: str, job: Job, loop: str) -> _Columns:
         if found[role] is None:
             remedy = f"{nearest(role, names)}, or say which column is {role}"
             raise ReadingError(f"{Path(path).name} has no column {role}; {remedy}")
-    return _Columns(**found)  # type: ignore[arg-type]
+    guesses_auto = "auto" in guess.unsure and wanted["auto"] is None
+    return _Columns(**found, guesses_auto=guesses_auto)  # type: ignore[arg-type]
 
 
 def _counts_a_second(file: Any, columns: _Columns) -> float:
@@ -204,52 +232,13 @@ def _counts_a_second(file: Any, columns: _Columns) -> float:
     of_heading = 1.0 if named is None else 1.0 / TIME_UNITS[named]
     with _explained():
         for batch in file.iter_batches(columns=[columns.time], batch_size=FIRST_TIMES):
-            times = _seconds(batch.column(columns.time), 1.0)
+            times = seconds_in(batch.column(columns.time), 1.0)
             known = times[np.isfinite(times)]
             if known.size:
                 first = float(known[0])
                 counted = None if is_moment(first / of_heading) else counts_a_second(first)
                 return of_heading if counted is None else counted[1]
     return of_heading
-
-
-def _seconds(column: Any, unit: float) -> Floats:
-    """A time column as seconds; since 1970 when it holds moments.
-
-    Args:
-        column: timestamps, dates, durations or numbers.
-        unit: how many of what numbers count a second has.
-    """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    kind = column.type
-    if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-        stamps = pc.cast(pc.cast(column, pa.timestamp("us"), safe=False), pa.int64())
-        return _float64(stamps) / 1e6
-    if pa.types.is_duration(kind):
-        return _float64(pc.cast(pc.cast(column, pa.duration("us"), safe=False), pa.int64())) / 1e6
-    if not _is_number(kind):
-        raise ReadingError(
-            f"its times are of type {kind}; store them as timestamps, or as seconds since 1970"
-        )
-    return _float64(column) / unit
-
-
-def _is_number(kind: Any) -> bool:
-    import pyarrow as pa
-
-    return bool(
-        pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
-    )
-
-
-def _float64(column: Any) -> Floats:
-    """Numbers as an array, NaN for null."""
-    import pyarrow as pa
-
-    numbers = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-    return np.asarray(numbers, dtype=np.float64)
 
 
 def _as_names(column: Any, kind: Any) -> Any:
@@ -274,14 +263,16 @@ def _measure(batch: Any, columns: _Columns, spans: dict[str, _Span], unit: float
 
     times = np.zeros(batch.num_rows)
     if columns.time is not None:
-        times = _seconds(batch.column(columns.time), unit)
+        times = seconds_in(batch.column(columns.time), unit)
     names = np.zeros(batch.num_rows, dtype=np.int64)
     loops = [""]
     if columns.loop is not None:
         column = batch.column(columns.loop)
         coded = pc.dictionary_encode(_as_names(column, column.type))
-        names = np.asarray(coded.indices.fill_null(-1))
         loops = [str(name) for name in coded.dictionary.to_pylist()]
+        nameless = loops.index("") if "" in loops else len(loops)
+        loops += [""] * (nameless == len(loops))
+        names = np.asarray(coded.indices.fill_null(nameless))
     for code, loop in enumerate(loops):
         own = times[(names == code) & np.isfinite(times)]
         if own.size == 0:
@@ -292,18 +283,15 @@ def _measure(batch: Any, columns: _Columns, spans: dict[str, _Span], unit: float
         span.rows += int(own.size)
 
 
-def _series(table: Any, columns: _Columns, period: float | None, unit: float) -> Series:
-    def numbers(name: str | None) -> Floats | None:
-        return None if name is None else _numbers(table.column(name), name)
-
-    op, pv = numbers(columns.op), numbers(columns.pv)
-    assert op is not None
-    assert pv is not None
-    auto = numbers(columns.auto)
+def _series(
+    table: Any, columns: _Columns, header: Sequence[str], period: float | None, unit: float
+) -> Series:
+    values = _Signals(table, columns, header)
+    op, pv, sp, auto = values.op, values.pv, values.sp, values.auto
     if columns.time is None:
         time = np.arange(op.size, dtype=np.float64) * (period or 1.0)
     else:
-        time = _seconds(table.column(columns.time).combine_chunks(), unit)
+        time = seconds_in(table.column(columns.time).combine_chunks(), unit)
     known = np.flatnonzero(np.isfinite(time))
     order = known[np.argsort(time[known], kind="stable")]
     # Files that overlap hold a moment twice: the last one counts.
@@ -322,7 +310,6 @@ def _series(table: Any, columns: _Columns, period: float | None, unit: float) ->
     if not dated and abs(own / step - 1.0) > PERIODS_DIFFER:
         # The given period counts, and a row is one.
         time = step * np.arange(time.size, dtype=np.float64)
-    sp = numbers(columns.sp)
     return Series(
         time=time if dated else time - time[0],
         op=op[order],
@@ -331,33 +318,35 @@ def _series(table: Any, columns: _Columns, period: float | None, unit: float) ->
         auto=None if auto is None or np.isnan(auto).all() else auto[order],
         period=step,
         dated=dated,
+        notes=tuple(values.notes),
     )
 
 
-def _numbers(column: Any, name: str) -> Floats:
-    import pyarrow as pa
+class _Signals:
+    """The signals of a table, NaN where a column of quality calls them bad; and notes on them."""
 
-    kind = column.type
-    if pa.types.is_dictionary(kind):
-        kind = kind.value_type
-        column = column.cast(kind)
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        return _numbers_in_text(column, name)
-    if pa.types.is_boolean(kind):
-        column = column.cast(pa.int8())
-    elif not (_is_number(kind) or pa.types.is_null(kind)):
-        raise ReadingError(f"its column {name} is of type {kind}; store numbers")
-    return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+    def __init__(self, table: Any, columns: _Columns, header: Sequence[str]) -> None:
+        self.notes: list[str] = []
+        self.op = numbers_in(table.column(columns.op), columns.op)
+        self.pv = numbers_in(table.column(columns.pv), columns.pv)
+        self.sp = None if columns.sp is None else numbers_in(table.column(columns.sp), columns.sp)
+        self.auto = None
+        if columns.auto is not None:
+            self.auto, note = switch_in(
+                table.column(columns.auto), columns.auto, is_guessed=columns.guesses_auto
+            )
+            self.notes.extend([note] if note else [])
+        for name, roles in columns.qualities(header).items():
+            self._drop_bad(name, roles, good_rows(table.column(name), header))
 
-
-def _numbers_in_text(column: Any, name: str) -> Floats:
-    """Numbers among words such as ``Bad``, which tables of a historian's values hold as text."""
-    cells = ["" if cell is None else cell.strip() for cell in column.to_pylist()]
-    found = parse_numbers(cells, comma_separates=False)
-    odd = next((cells[index] for index in found.wrong), found.ambiguous)
-    if odd is not None:
-        raise ReadingError(
-            f"its column {name} holds the text {odd!r}, which is not a number; store numbers, and "
-            "null for a bad value"
-        )
-    return found.values
+    def _drop_bad(self, name: str, roles: Sequence[str], good: NDArray[np.bool_] | None) -> None:
+        if good is None:
+            self.notes.append(f"{name} is left out: which of its values mean good is not known")
+            return
+        signals = {"op": self.op, "pv": self.pv, "sp": self.sp}
+        judged = [values for role in roles if (values := signals.get(role)) is not None]
+        dropped = max(np.count_nonzero(~np.isnan(values) & ~good) for values in judged)
+        for values in judged:
+            values[~good] = np.nan
+        if dropped:
+            self.notes.append(f"{name}: {dropped} rows are not good: bad samples")

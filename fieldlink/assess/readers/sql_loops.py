@@ -8,6 +8,7 @@ they change, hold until the next value.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -27,6 +28,9 @@ __all__ = ["MomentLoop", "ValueLoop"]
 
 Floats = NDArray[np.float64]
 
+_PAIRED = 0.5
+"""Share of PV's moments that need a value of OP, as in files with a row for each value."""
+
 
 class _Table(Protocol):
     """What a loop needs of its table."""
@@ -39,6 +43,7 @@ class _Table(Protocol):
     def between(self, query: Select[Any], since: float, until: float) -> Select[Any]: ...
     def moment(self, value: Any) -> float: ...
     def numbers(self, values: Sequence[Any]) -> Floats: ...
+    def switch(self, values: Sequence[Any]) -> Floats: ...
 
 
 class _Loop:
@@ -90,6 +95,9 @@ class _Loop:
             dated=True,
         )
 
+    def _read(self, role: str, values: Sequence[Any]) -> Floats:
+        return self._table.switch(values) if role == "auto" else self._table.numbers(values)
+
     def _good(self, query: Select[Any]) -> Select[Any]:
         about = self._table.description
         if about.quality is None:
@@ -117,7 +125,7 @@ class MomentLoop(_Loop):
         query = self._good(self._of(self._loop, select(table.time, *self._columns.values())))
         found = table.rows(table.between(query, since, until).order_by(table.time).limit(rows))
         signals = {
-            role: table.numbers([row[number] for row in found])
+            role: self._read(role, [row[number] for row in found])
             for number, role in enumerate(self._columns, start=1)
         }
         stamps = np.array([table.moment(row[0]) for row in found])
@@ -152,7 +160,15 @@ class ValueLoop(_Loop):
                 signals[role] = _placed(at, values, begin, self.period, count)
             elif role != "pv":
                 signals[role] = self._held(role, begin, end, count)
-        return self._series(begin + self.period * np.arange(count, dtype=np.float64), signals)
+        series = self._series(begin + self.period * np.arange(count, dtype=np.float64), signals)
+        known = {role: np.count_nonzero(~np.isnan(signals[role])) for role in ("op", "pv")}
+        if known["op"] < _PAIRED * known["pv"]:
+            note = (
+                f"{self._tags['op']} has values at {known['op']} of the {known['pv']} moments of "
+                f"{self._tags['pv']}: it is stored at another rate, or when it changes"
+            )
+            return replace(series, notes=(note,))
+        return series
 
     def _values(
         self, role: str, since: float, until: float, rows: int, *, newest: bool = False
@@ -162,7 +178,7 @@ class ValueLoop(_Loop):
         query = self._good(self._of(self._tags[role], select(table.time, self._value)))
         found = table.rows(table.between(query, since, until).order_by(order).limit(rows))
         stamps = np.array([table.moment(row[0]) for row in found])
-        return stamps, table.numbers([row[1] for row in found])
+        return stamps, self._read(role, [row[1] for row in found])
 
     def _held(self, role: str, begin: float, end: float, count: int) -> Floats:
         """Read a signal stored by change: each slot holds the last value before it."""

@@ -24,6 +24,7 @@ from fieldlink.assess.readers.sql_loops import MomentLoop, ValueLoop
 from fieldlink.site.errors import nearest
 from fieldlink.site.number_cells import find_decimal_mark, parse_numbers, plain_number
 from fieldlink.site.numbered_times import counts_a_second, is_moment
+from fieldlink.site.recorded_columns import means_automatic
 from fieldlink.store.database import cause_of, is_away, open_for_reading, shown
 
 __all__ = ["SqlReader", "TableReader"]
@@ -185,6 +186,13 @@ class TableReader:
             )
         return seconds
 
+    def switch(self, values: Sequence[Any]) -> Floats:
+        """Modes as 1 and 0: words such as ``AUTO``, or numbers; NaN for NULL."""
+        states = [means_automatic(one.strip()) if isinstance(one, str) else None for one in values]
+        return self.numbers(
+            [one if state is None else state for one, state in zip(values, states, strict=True)]
+        )
+
     def numbers(self, values: Sequence[Any]) -> Floats:
         """Values as numbers; NaN for NULL, and for a text such as ``Bad`` among numbers."""
         texts = [one for one in values if isinstance(one, str)]
@@ -215,9 +223,9 @@ class TableReader:
     @cached_property
     def _decimal_mark(self) -> str | None:
         """What begins decimals in numbers that are text, by the first values of the table."""
-        about = self.description
-        names = {"op": about.op, "pv": about.pv, "sp": about.sp, "value": about.value}
-        columns = [self.column(name, key) for key, name in names.items() if name is not None]
+        names = self.description.columns()
+        keys = [key for key in ("op", "pv", "sp", "value") if key in names]
+        columns = [self.column(names[key], key) for key in keys]
         rows = self.rows(select(*columns).limit(_FIRST_TEXTS))
         found = {
             find_decimal_mark(value for value in values if isinstance(value, str))

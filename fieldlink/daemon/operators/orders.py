@@ -17,6 +17,7 @@ from fieldlink.daemon.loop_spec import LoopSpec
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.errors import FieldlinkError
+from fieldlink.printable import as_printable
 from fieldlink.store import EventRecord
 
 __all__ = [
@@ -104,6 +105,10 @@ class Order:
     why: str
 
     def __post_init__(self) -> None:
+        for name in ("who", "why"):
+            # As it is stored and shown: terminals and logs must have nothing in it to obey.
+            shown = as_printable(getattr(self, name), lines=True)
+            object.__setattr__(self, name, shown)
         for name, text, most in (("who", self.who, LONGEST_WHO), ("why", self.why, LONGEST_WHY)):
             if not text.strip():
                 raise OrderError(f"{name} is empty; give it, for the record")

@@ -39,6 +39,7 @@ class LoopStatus:
         dropped_estimates: estimates that came after the site file had changed.
         waiting: what waits to be written, and why; None when nothing does.
         refusal: why the PLC's controller does not use the accepted model; empty when it does.
+        unused: why it does not use a model that it does not refuse; empty when it does.
         block: the last block that the PLC acknowledges, as far as known.
         in_use: whether the PLC's controller uses that block; None before the first look.
         may_write: whether the site file lets the loop be written.
@@ -61,6 +62,7 @@ class LoopStatus:
     dropped_estimates: int = 0
     waiting: str | None = None
     refusal: str = ""
+    unused: str = ""
     block: ParameterBlock | None = None
     in_use: bool | None = None
     may_write: bool = False
@@ -69,7 +71,9 @@ class LoopStatus:
 
     @property
     def block_reason(self) -> str:
-        """Why the last write-back ended as it did; empty before the first."""
+        """Why the block is not used, else why the last write-back ended as it did."""
+        if self.unused:
+            return self.unused
         last = self.last_attempt
         if last is None:
             return ""

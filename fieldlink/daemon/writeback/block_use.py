@@ -24,6 +24,7 @@ class BlockUse:
         in_use: whether its controller uses it; None before the first look that tells.
         refused: the model that its controller refused last; None after an operator's decision.
         refusal: why it does not use the accepted model; empty when it does.
+        unused: why it does not use it although it does not refuse it; empty when it does.
     """
 
     def __init__(self, orders: StandingOrders, tell: Callable[[str, str], None]) -> None:
@@ -34,12 +35,14 @@ class BlockUse:
         self.in_use: bool | None = None
         self.refused: RefusedModel | None = None
         self.refusal = ""
+        self.unused = ""
 
     def carry_over(self, other: BlockUse) -> None:
         """Go on with what another one has seen of the same registers."""
         self._off_since = other._off_since
         self.in_force, self.in_use = other.in_force, other.in_use
         self.refused, self.refusal = other.refused, other.refusal
+        self.unused = other.unused
 
     def watch_orders(self, now: float) -> None:
         """Notice since when the write-back is switched off."""
@@ -67,5 +70,10 @@ class BlockUse:
         self.refusal = refusal
         # Without a heartbeat the PLC drops its model.
         dropped = self._off_since is not None and now - self._off_since > HEARTBEAT_TIMEOUT
-        dropped = dropped or is_unheard
-        self.in_use = valve is not None and control.enabled and not refusal and not dropped
+        self.unused = ""
+        if valve is not None and not refusal:
+            if not control.enabled:
+                self.unused = "the PLC's enable bit is off, and it controls without the model"
+            elif dropped or is_unheard:
+                self.unused = "no heartbeat reaches the PLC, and it controls without the model"
+        self.in_use = valve is not None and not refusal and not self.unused

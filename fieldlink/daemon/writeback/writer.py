@@ -159,6 +159,11 @@ class BlockWriter:
         return self._use.refusal
 
     @property
+    def unused(self) -> str:
+        """Why it does not use a model that it does not refuse; empty when it does."""
+        return self._use.unused
+
+    @property
     def waiting(self) -> str | None:
         """What waits to be written, and why; None when nothing does."""
         if self._recorded.is_begun:

@@ -99,6 +99,7 @@ from a step test: the loop oscillates, the valve is identified, its model is wri
 compensator takes the oscillation away.
 \"\"\"
 duration = {duration}
+defects = ["never-stiction", "lost-blocks"]  # each must make it fail: --self-test
 
 [plant]
 fmu = {fmu}

@@ -9,7 +9,7 @@ from pathlib import Path
 from fieldlink.file_at import why_no_file
 from fieldlink.lab.rehearse.errors import ScenarioError
 from fieldlink.lab.rehearse.models import Scenario
-from fieldlink.site.errors import nearest
+from fieldlink.site.errors import SiteError, nearest
 from fieldlink.site.toml_source import TomlSource
 from fieldlink.site.validation import validated
 
@@ -63,4 +63,11 @@ def load_scenario(path: Path) -> ScenarioFile:
     Raises:
         SiteError: with every problem found, its line, key, value and remedy.
     """
-    return ScenarioFile(path.stem, path, validated(TomlSource(path), Scenario))
+    source = TomlSource(path)
+    scenario = validated(source, Scenario)
+    fmu = scenario.plant.fmu
+    # Here and not with the site that is made of it, whose file nobody knows.
+    if Path(fmu).suffix and (why := why_no_file(path.parent / fmu)) is not None:
+        missing = f"there is no file {fmu} ({why})"
+        raise SiteError([source.problem(("plant", "fmu"), missing, "correct the path")])
+    return ScenarioFile(path.stem, path, scenario)

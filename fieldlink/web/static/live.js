@@ -40,11 +40,11 @@ function answering() {
   link.textContent = "live " + new Date().toLocaleTimeString("sv");
 }
 
-function silent(why) {
+function silent(what, why) {
   live.since ??= new Date();
   lost.hidden = false;
   const at = live.since.toLocaleTimeString("sv");
-  const text = `No answer from fieldlink since ${at}: ${why}. What is shown is old. Tried again every two seconds.`;
+  const text = `${what} since ${at}: ${why}. What is shown is old. Tried again every two seconds.`;
   if (lost.textContent !== text) lost.textContent = text;
   link.className = "link";
   link.textContent = "not live";
@@ -64,8 +64,8 @@ async function turn() {
     await live.ask();
     answering();
   } catch (error) {
-    if (error.answered) silent(error.message);
-    else silent("the daemon has stopped, or the connection to it is lost");
+    if (error.answered) silent("Fieldlink cannot tell this", error.message);
+    else silent("No answer from fieldlink", "the daemon has stopped, or the connection to it is lost");
   }
 }
 

@@ -33,6 +33,9 @@ USUAL_OP_SPAN = 100.0
 REFRESH_EVERY = 1.0
 """Seconds for which a view of the fleet serves everybody who asks."""
 
+REVISIONS_A_SECOND = 100
+"""Far more than refreshes make: the first revision of a view is above all of those before it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
@@ -77,7 +80,8 @@ class FleetView:
         self._courses: dict[str, str] = {}
         self._causes = Causes(queries)
         self._diagnoses: Mapping[str, Row] = {}
-        self._revision = 0
+        # A page that is open while the daemon or its store is replaced knows an older number.
+        self._revision = round(REVISIONS_A_SECOND * time.time())
         self._rows: dict[str, Document] = {}
         self._revisions: dict[str, int] = {}
         self._fleet: Fleet | None = None
