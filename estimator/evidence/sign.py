@@ -26,6 +26,8 @@ which PV shows nothing yet, up to the longest dead time that is usual, in scans.
 _NOTHING, _LEAVES = 0.01, 0.1
 """Largest share of OP's moves that the controller's law leaves over (OP is computed: only its
 rounding), and that it leaves of what two own moves leave."""
+_ROUNDING = 1e-5
+"""Of OP's moves, as much as rounding leaves: OP is stored to five digits of them or fewer."""
 _LEAST, _ROWS_EACH = 50, 8
 """Moves, in all and for each regressor, below which the sign is unknown."""
 
@@ -131,8 +133,9 @@ def _regress(op: Array, error: Array, own: int) -> _Answer:
     spread, whole = dot(left, left) / now.size, dot(now, now) / now.size
     sums = np.zeros((2, size))
     sums[0, :_LAGS] = sums[1, 0] = 1.0
-    # variances of the sum of the coefficients, and of the first
-    variances = [spread * float(solve_spd(gram, one) @ one) for one in sums]
+    # variances of the sum of the coefficients, and of the first; what rounding leaves is no noise
+    noise = max(spread, _ROUNDING**2 * whole)
+    variances = [noise * float(solve_spd(gram, one) @ one) for one in sums]
     if not min(variances) > 0.0:
         return _Answer()
     action, at_once = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.families.tuning import draw
 from estimator import ReasonCode, Verdict, identify
 from estimator.arrays import Array
 from estimator.faults import faults_of
@@ -66,6 +67,21 @@ def test_every_spike_is_found_and_a_step_is_none() -> None:
         pv[at[0] + 1] = pv[at[0]]
         pv[at[1] + 1] = np.nan
         assert _faults(pv) == sorted([*at.tolist(), int(at[0]) + 1])
+
+
+def test_spikes_that_are_close_to_each_other_are_found() -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        pv = np.sin(2.0 * np.pi * K / 80.0) + 0.05 * rng.normal(size=K.size)
+        begin = int(rng.integers(50, 800))
+        at = [begin, begin + 3, begin + 4]
+        pv[at] += 6.0
+        assert _faults(pv) == at
+
+
+def test_spikes_that_are_close_to_each_other_accuse_no_valve() -> None:
+    loop = draw("spikes", False, 80030)
+    assert identify(loop.op, loop.pv, sp=loop.sp).verdict is not Verdict.STICTION
 
 
 @pytest.mark.parametrize("long", [10, 40, 300])
