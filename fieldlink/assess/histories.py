@@ -37,11 +37,14 @@ _DATES: tuple[tuple[re.Pattern[str], tuple[str, ...]], ...] = (
 """Dates as names of files and folders have them, with a time of day; and the order of their parts,
 where several are possible all of them."""
 
-_PARTITION = re.compile(r"(?:date|dt|ts|year|month|week|day|hour|y|m|d|h)=[^/\\]*", re.IGNORECASE)
-"""A folder of a partitioned data set that is of a time, such as ``year=2026``."""
+_PARTITION = re.compile(
+    r"(?<![^/\\])(?:date|dt|ts|year|month|week|day|hour|y|m|d|h)=\d[-\d_:.TZW%]*(?![^/\\])",
+    re.IGNORECASE,
+)
+"""A folder of a partitioned data set that is of a time, such as ``year=2026``; not ``speed=3``."""
 _LOOP_FOLDER = re.compile(r"(?:loop|tag)=(?P<loop>.+)", re.IGNORECASE)
-_PART = re.compile(r"part-\d+[^/\\]*\Z", re.IGNORECASE)
-"""A file that a program has numbered: its name says nothing."""
+_PART = re.compile(r"(?<![^/\\])part-\d+(?:[-.][^/\\]*)?\Z", re.IGNORECASE)
+"""A file that a program has numbered: its name says nothing. ``part-12_boiler.csv`` does."""
 _EDGES = " -_."
 
 

@@ -41,7 +41,31 @@ FROM windows GROUP BY file;
 CREATE UNIQUE INDEX temp.history_of_file ON histories (file);
 CREATE INDEX temp.files_of_history ON histories (history);
 """
-"""The files of which each history consists."""
+"""The files of which each history consists, as far as their paths tell."""
+
+_APART = """
+UPDATE temp.histories SET history = file WHERE history IN (
+    SELECT history FROM (
+        SELECT history, loop,
+            MIN(till, LAG(till) OVER before) - since
+                > 0.5 * MIN(till - since, LAG(till - since) OVER before) AS together
+        FROM (
+            SELECT history, loop, MIN(julianday(start)) AS since,
+                MAX(julianday(start) + samples * period_s / 86400) AS till
+            FROM windows JOIN temp.histories USING (file)
+            WHERE start LIKE '%Z' AND history IN (
+                SELECT history FROM temp.histories GROUP BY history HAVING COUNT(*) > 1
+            )
+            GROUP BY history, loop, file
+        )
+        WINDOW before AS (PARTITION BY history, loop ORDER BY since)
+    )
+    GROUP BY history, loop HAVING SUM(together) > 0.5 * COUNT(together)
+);
+"""
+"""Files that record the same time are of different loops: the date in their names is a part of
+tags (``FC-20260101``), or they are copies. Most of them have to, by half of the shorter one: one
+day that was exported twice, or the hour that autumn repeats, does not part a year of files."""
 
 _IN_TIME = "CASE WHEN w.start LIKE '%Z' THEN w.start END {0}, w.piece {0}, w.number {0}"
 """The order of a loop's windows: names of files need not be in that of time."""
@@ -213,7 +237,7 @@ class RunFile:
         with self._explained():
             for table in ("histories", "standing"):
                 self._db.execute(f"DROP TABLE IF EXISTS temp.{table}")
-            self._db.executescript(_HISTORIES)
+            self._db.executescript(_HISTORIES + _APART)
             self._db.execute(_STANDING)
             self._db.execute("CREATE INDEX temp.standing_by_loop ON standing (history, loop)")
 

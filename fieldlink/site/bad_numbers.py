@@ -36,13 +36,14 @@ def drop_bad_numbers(numbers: Mapping[str, NDArray[np.float64] | None]) -> list[
         numbers: values by role, ``(n,)`` each, changed in place.
     """
     notes = []
+    ranges = {role: _range_of(values) for role, values in numbers.items() if values is not None}
     for role, values in numbers.items():
-        if values is None:
+        if values is None or (own := ranges[role]) is None:
             continue
-        usual = np.isfinite(values) & ~np.isin(values, (*NINES, *ENDS_OF_TYPES))
-        if not usual.any():
-            continue
-        low, high = float(values[usual].min()), float(values[usual].max())
+        low, high = own
+        if role == "sp" and (of_pv := ranges.get("pv")) is not None:
+            # A set-point of 999 is one where PV follows it.
+            low, high = min(low, of_pv[0]), max(high, of_pv[1])
         span = max(high - low, LEAST_RANGE * abs(low), LEAST_RANGE * abs(high))
         for bad in (*NINES, *ENDS_OF_TYPES):
             at = values == bad
@@ -54,3 +55,9 @@ def drop_bad_numbers(numbers: Mapping[str, NDArray[np.float64] | None]) -> list[
                     "taken for bad samples"
                 )
     return notes
+
+
+def _range_of(values: NDArray[np.float64]) -> tuple[float, float] | None:
+    """The least and the largest of the samples that no such number is; None where there is none."""
+    usual = values[np.isfinite(values) & ~np.isin(values, (*NINES, *ENDS_OF_TYPES))]
+    return (float(usual.min()), float(usual.max())) if usual.size else None

@@ -181,7 +181,8 @@ class RowReader:
             return 1.0, 0.0
         small, large = (-math.inf, math.inf) if data_type is None else data_type.bounds
         for column, raw in (("raw_low", raw_low), ("raw_high", raw_high)):
-            if not small <= raw <= large:
+            # Manuals round the ends of a type: 0 to 65536 and -32768 to 32768 are usual.
+            if not small - 1.0 <= raw <= large + 1.0:
                 message = f"{raw:.10g} is no count of {data_type} ({small:.10g} to {large:.10g})"
                 self.report(column, message, "correct it or the type")
         slope = (eng_high - eng_low) / (raw_high - raw_low)

@@ -21,6 +21,9 @@ COARSEST_COUNT = 1 / 200
 """The largest share of a range that one count may be worth: an eight-bit converter has 1/255, and
 the stick bands of interest begin at one percent."""
 
+ROUNDED = 1 / 200
+"""The share of its range that a tag may lack at the end: many maps have 0.00305 for 100/32767."""
+
 LEAST_LIMIT = 0.01
 """The share of OP's span that limits of the stick band must reach: less is no valve's."""
 
@@ -79,8 +82,15 @@ def _about_measurement(name: str, role: str, tag: Tag) -> Iterator[Warned]:
         )
     # A low end that an unsigned type never reaches is room that does no harm.
     largest = tag.scale * tag.data_type.bounds[1] + tag.offset
-    column, limit = ("high", tag.high) if tag.scale > 0.0 else ("low", tag.low)
-    if limit is not None and (limit - largest) * tag.scale > tag.scale * tag.scale:
+    is_upright = tag.scale > 0.0
+    column, limit, start = ("high", tag.high, tag.low)
+    if not is_upright:
+        column, limit, start = ("low", tag.low, tag.high)
+    if limit is None:
+        return
+    missing = limit - largest if is_upright else largest - limit
+    whole = abs(limit - (tag.offset if start is None else start))
+    if missing > max(abs(tag.scale), ROUNDED * whole):
         kind = _with_article(tag.data_type)
         yield Warned(
             "loop",

@@ -70,11 +70,7 @@ def _problem(source: TomlSource, root: type[BaseModel], detail: ErrorDetails) ->
     if isinstance(value, dict | list):
         shown = "a table" if isinstance(value, dict) else "an array"
     if kind in ("tuple_type", "list_type"):
-        remedy = f"write [{shown}]"
-        if isinstance(key[-1], int):
-            remedy = "put an array of its own for each, such as [[0, 99]]"
-        elif field is not None and _holds_arrays(field.annotation):
-            remedy = f"write an array of arrays, such as [[0, {shown}]]"
+        remedy = _how_as_array(key, None if field is None else field.annotation, value)
         return source.problem(key, f"{shown} is no array", f"{remedy}{_meaning(field)}")
     message = f"{shown}: {detail['msg'].replace('Input should', 'should')}"
     message = message.replace("be an object", "be a table")
@@ -140,11 +136,25 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from _models_in(part)
 
 
-def _holds_arrays(annotation: Any) -> bool:
-    """Whether it is an array of arrays, whatever restricts or replaces it."""
-    if get_origin(annotation) is not tuple:
-        return any(map(_holds_arrays, get_args(annotation)))
-    return any(get_origin(part) is tuple for part in get_args(annotation))
+def _how_as_array(key: tuple[str | int, ...], annotation: Any, value: object) -> str:
+    """How to write ``value`` where an array is asked for."""
+    items = _items_of(annotation)
+    if isinstance(key[-1], int):
+        return "put an array of its own for each, such as [[0, 99]]"
+    if any(get_origin(item) is tuple for item in items):
+        return f"write an array of arrays, such as [[0, {quoted(value)}]]"
+    if not isinstance(value, int | float) and str not in items:
+        return "write an array of numbers, such as [0, 1]"
+    if len(items) > 1 and Ellipsis not in items:
+        return f"write an array of {len(items)}, such as [0, {quoted(value)}]"
+    return f"write [{quoted(value)}]"
+
+
+def _items_of(annotation: Any) -> tuple[Any, ...]:
+    """The kinds of items of an array, whatever restricts or replaces it; () for other values."""
+    if get_origin(annotation) is tuple:
+        return get_args(annotation)
+    return next(filter(None, map(_items_of, get_args(annotation))), ())
 
 
 def _kinds(model: type[BaseModel]) -> list[str]:

@@ -58,6 +58,10 @@ def test_a_date_in_a_path_tells_no_loops_apart(file: str, other: str, loop: str)
         ("2026-01-05/FC101.csv", "2026-01-05/FC102.csv"),
         ("20260105_12.csv", "20260105_13.csv"),
         ("area 1/FC101.csv", "area 2/FC101.csv"),
+        ("stream=A/all.parquet", "stream=B/all.parquet"),
+        ("speed=3/FC101.csv", "speed=5/FC101.csv"),
+        ("m=north/FC101.csv", "m=south/FC101.csv"),
+        ("part-1_boiler.csv", "part-1_drum.csv"),
     ],
 )
 def test_what_may_be_a_tag_tells_loops_apart(file: str, other: str) -> None:
@@ -100,6 +104,33 @@ def window(loop: str, day: int, sticks: bool, band: float) -> dict[str, object]:
         "cause": "sticky_valve" if sticks else "quiet",
         "action": "Check the packing." if sticks else "Nothing to do.",
     }
+
+
+@pytest.mark.parametrize(
+    ("files", "loops"),
+    [
+        # Tags with numbers like dates, all recorded at the same time.
+        ({"FC-20260101.csv": 1, "FC-20260102.csv": 1, "FC-20260103.csv": 1}, 3),
+        # Files a day, and one of these days exported twice.
+        ({"FC_2026-01-01.csv": 1, "FC_2026-01-02.csv": 2, "FC_20260102.csv": 2}, 1),
+    ],
+)
+def test_files_of_the_same_time_are_different_loops(
+    tmp_path: Path, files: dict[str, int], loops: int
+) -> None:
+    with closing(RunFile(tmp_path / "run.sqlite")) as run_file:
+        run_file.plan([Piece(number, file) for number, file in enumerate(files)])
+        for number, (file, day) in enumerate(files.items(), start=1):
+            times = [f"2026-01-0{day}T{hour:02}:00:00Z" for hour in range(24)]
+            rows = [
+                window("FC", day, True, 1.0)
+                | {"file": file, "start": start, "samples": 1000, "period_s": 3.6}
+                for start in times
+            ]
+            run_file.store([(number, rows)])
+        run_file.rank()
+        assert len(run_file.ranked_loops(10)) == loops
+        assert len(list(run_file.ranked_rows())) == 24 * len(files)
 
 
 def test_valves_that_stick_now_come_before_one_that_was_repaired(tmp_path: Path) -> None:

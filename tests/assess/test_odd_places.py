@@ -235,6 +235,17 @@ def test_the_largest_float_marks_a_bad_sample_wherever_it_is_stored(
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.pv)), [7])
 
 
+@pytest.mark.parametrize("make", [as_csv, as_parquet, as_moments, as_values])
+def test_a_number_that_stands_for_none_is_a_bad_sample_wherever_it_is_stored(
+    tmp_path: Path, sticky, make: Callable[..., Place]
+) -> None:
+    op = sticky.op.copy()
+    op[7] = -9999.0
+    found = dict(windows(make(tmp_path, op, sticky.pv), Cut()))["FC101"]
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.op)), [7])
+    assert found.notes[0].startswith("op: -9999 at 1 row, far from the others")
+
+
 def test_a_store_whose_name_means_something_in_an_address_is_read(tmp_path: Path, sticky) -> None:
     as_historian(tmp_path, sticky.op, sticky.pv)
     for name in ("a?b=c", "a%20b"):

@@ -354,3 +354,15 @@ def test_such_a_number_among_its_like_is_a_measurement(write: Write) -> None:
     top = read_recording(write("op,pv", lambda k: f"{min(32767, 30000 + 100 * k)},{9999 - k}"))
     assert not np.isnan(top.op).any()
     assert not np.isnan(top.pv).any()
+
+
+def test_a_set_point_of_999_is_one_where_pv_follows_it(write: Write) -> None:
+    def step(k: int) -> str:
+        return f"{50 + k / 9:.3f},{100.5 if k < 20 else 998.5},{100 if k < 20 else 999}"
+
+    found = read_recording(write("op,pv,sp", step))
+    assert found.sp is not None
+    assert found.sp[[0, -1]].tolist() == [100.0, 999.0]
+    lost = read_recording(write("op,pv,sp", lambda k: f"{k % 7},{50 + k % 5},{-999 if k else 50}"))
+    assert lost.sp is not None
+    assert np.isnan(lost.sp[1:]).all()

@@ -23,6 +23,7 @@ from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.readers.parquet_values import good_rows, numbers_in, seconds_in, switch_in
 from fieldlink.assess.series import Recorded, Series
+from fieldlink.site.bad_numbers import drop_bad_numbers
 from fieldlink.site.column_names import (
     PANDAS_INDEX,
     guess_columns,
@@ -338,6 +339,7 @@ class _Signals:
             self.notes.extend([note] if note else [])
         for name, roles in columns.qualities(header).items():
             self._drop_bad(name, roles, good_rows(table.column(name), header))
+        self.notes.extend(drop_bad_numbers({"op": self.op, "pv": self.pv, "sp": self.sp}))
 
     def _drop_bad(self, name: str, roles: Sequence[str], good: NDArray[np.bool_] | None) -> None:
         if good is None:

@@ -19,6 +19,7 @@ from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.readers.base import PERIOD_ROWS
 from fieldlink.assess.readers.sql_description import LOOP, SqlTable
 from fieldlink.assess.series import Series, without_repeats
+from fieldlink.site.bad_numbers import drop_bad_numbers
 from fieldlink.site.timestamps import typical_interval
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ class _Loop:
         return query if self._key is None else query.where(self._key == name)
 
     def _series(self, time: Floats, signals: Mapping[str, Floats]) -> Series:
+        notes = drop_bad_numbers({role: signals.get(role) for role in ("op", "pv", "sp")})
         return Series(
             time=time,
             op=signals["op"],
@@ -93,6 +95,7 @@ class _Loop:
             auto=signals.get("auto"),
             period=self.period,
             dated=True,
+            notes=tuple(notes),
         )
 
     def _read(self, role: str, values: Sequence[Any]) -> Floats:
@@ -167,7 +170,7 @@ class ValueLoop(_Loop):
                 f"{self._tags['op']} has values at {known['op']} of the {known['pv']} moments of "
                 f"{self._tags['pv']}: it is stored at another rate, or when it changes"
             )
-            return replace(series, notes=(note,))
+            return replace(series, notes=(*series.notes, note))
         return series
 
     def _values(
