@@ -28,6 +28,8 @@ _NOTHING, _LEAVES = 0.01, 0.1
 rounding), and that it leaves of what two own moves leave."""
 _ROUNDING = 1e-5
 """Of OP's moves, as much as rounding leaves: OP is stored to five digits of them or fewer."""
+_MOST = 0.5
+"""Share of the scans that are most of them."""
 _LEAST, _ROWS_EACH = 50, 8
 """Moves, in all and for each regressor, below which the sign is unknown."""
 
@@ -80,10 +82,12 @@ def soonest_answer(op: Array, pv: Array, sp: Array | None, sign: float, settings
 
     OP that is computed from PV of its own scan tells that PV: a process without dead time would
     explain PV by the controller, run backwards. Signals as for `gain_sign`, whose result ``sign``
-    is. Where it is unknown, so is what OP answers: 1.
+    is. Where it is unknown, so is what OP answers: 1 if it moves in most scans, as a controller
+    does and a hand does not.
     """
     if sign == 0.0:
-        return 1
+        moves = np.diff(op)
+        return int(float(np.mean(moves[np.isfinite(moves)] != 0.0)) > _MOST)
     return 1 if sign * _answer(op, pv, sp).now > settings.action_t else 0
 
 
