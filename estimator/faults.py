@@ -24,7 +24,7 @@ from estimator.window import bridge
 __all__ = ["faults_of", "find_marks", "find_spikes", "find_standing", "runs_of"]
 
 _TURNS = 8
-"""Looks at how often a record repeats itself, each without the runs that the one before found."""
+"""Looks at a record, each without the spikes, or runs of one value, that the one before found."""
 _AROUND = 5
 """Samples of the running median: a spike of one or two is not in it, a step is."""
 _SPIKE = 10.0
@@ -88,6 +88,11 @@ def find_marks(values: Array) -> Mask:
     return found
 
 
+def _running_median(values: Array) -> Array:
+    found: Array = scipy.ndimage.median_filter(values, size=_AROUND, mode="nearest")
+    return found
+
+
 def find_spikes(values: Array, deviation: float) -> tuple[Mask, Array]:
     """Spikes of one or two samples in ``(n,)``, and what the running median leaves, ``(n,)``.
 
@@ -95,15 +100,21 @@ def find_spikes(values: Array, deviation: float) -> tuple[Mask, Array]:
         values: finite samples.
         deviation: of what the loop does, in the same units.
     """
-    rest = values - scipy.ndimage.median_filter(values, size=_AROUND, mode="nearest")
+    rest = values - _running_median(values)
     noise = float(np.quantile(np.abs(rest), 1.0 - _SHARE)) / _TO_DEVIATION
     steps = np.abs(np.diff(values))
     quick = float(np.quantile(steps[steps > 0.0], _QUICK)) if steps.any() else 0.0
-    far = np.abs(rest) > max(_SPIKE * max(noise, _LEAST_NOISE * deviation), _STEPS * quick)
+    least = max(_SPIKE * max(noise, _LEAST_NOISE * deviation), _STEPS * quick)
     spikes = np.zeros(values.size, dtype=np.bool_)
-    for begin, end in runs_of(far):
-        # a spike comes back: what stays away is a step
-        spikes[begin:end] = end - begin <= _AROUND // 2
+    for _ in range(_TURNS):
+        before = int(spikes.sum())
+        for begin, end in runs_of((np.abs(rest) > least) & ~spikes):
+            # a spike comes back: what stays away is a step
+            spikes[begin:end] = end - begin <= _AROUND // 2
+        if int(spikes.sum()) == before:
+            break
+        # of spikes that are close to each other the median takes some for what the loop does
+        rest = values - _running_median(bridge(np.where(spikes, math.nan, values)))
     return spikes, rest
 
 

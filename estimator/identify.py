@@ -26,7 +26,7 @@ from estimator.criteria.likelihood import simulate
 from estimator.criteria.registry import CRITERIA, Request
 from estimator.evidence.effect import effect_of
 from estimator.evidence.records import informed_share, step_left_out
-from estimator.evidence.sign import gain_sign
+from estimator.evidence.sign import gain_sign, soonest_answer
 from estimator.evidence.steadiness import steady_evidence
 from estimator.evidence.verdict import describe_stem, judge
 from estimator.evidence.weighing import Weighing, weigh
@@ -135,7 +135,8 @@ def identify(
     else:
         sign = gain_sign(given, cleaned.pv, setpoint, cleaned.controller, settings.modelling)
         left_out = step_left_out(given, measured, informed)
-        request = Request(criterion, confidence, method, surface, sign, informed, left_out)
+        soonest = soonest_answer(given, cleaned.pv, setpoint, sign, settings.modelling)
+        request = Request(criterion, confidence, method, surface, sign, informed, left_out, soonest)
         result = _assess(window, request, settings)
         result = replace(
             result,
@@ -160,7 +161,9 @@ def _assess(whole: Window, request: Request, settings: Settings) -> Identificati
     window = whole if block == 1 else average(whole, block)
     criterion = CRITERIA[request.criterion]
     modelling = criterion.modelling(settings.modelling)
-    rows = rows_of(window, request.sign, modelling, request.informed)
+    # averages of OP and PV over the same samples answer each other at once
+    soonest = request.soonest if block == 1 else 0
+    rows = rows_of(window, request.sign, modelling, request.informed, soonest)
     case = Case(rows, replace(settings, modelling=modelling))
     weighing = weigh(case)
     if weighing.sticky is None:

@@ -36,6 +36,7 @@ class Rows:
         sloping: the same and the straight line of an unknown equilibrium, ``(m + 1, n)``, for
             integrating processes.
         informed: share of the samples that were measured and not drawn by a historian.
+        soonest: least dead time that a process may have, in samples.
     """
 
     u: Array
@@ -49,6 +50,7 @@ class Rows:
     shared: Array
     sloping: Array
     informed: float = 1.0
+    soonest: int = 0
 
     @property
     def size(self) -> int:
@@ -86,8 +88,13 @@ def judged_rows(weight: Array, first: int, stride: int) -> JudgedRows:
     return rows[:count], begins[:runs], ends[:runs]
 
 
-def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 1.0) -> Rows:
-    """The rows of a window; ``sign`` is that of the process gain, 0 where it is not known."""
+def rows_of(
+    window: Window, sign: float, settings: Modelling, informed: float = 1.0, soonest: int = 0
+) -> Rows:
+    """The rows of a window; ``sign`` is that of the process gain, 0 where it is not known.
+
+    For ``informed`` and ``soonest`` see `Rows`.
+    """
     n = window.size
     k = np.arange(n, dtype=np.float64)
     good = window.good
@@ -113,6 +120,7 @@ def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 
         shared=shared,
         sloping=np.vstack([shared, k / n]),
         informed=informed,
+        soonest=soonest,
     )
 
 

@@ -22,7 +22,8 @@ class Request:
     """What the caller asked of one window, and what the record says of itself.
 
     ``sign`` is that of the process gain, 0 where it is unknown; ``informed`` the share of samples
-    that were measured, ``left_out`` the step that a historian left out, as a share of the span.
+    that were measured, ``left_out`` the step that a historian left out, as a share of the span;
+    ``soonest`` the least dead time that a process may have, in samples.
     """
 
     criterion: str
@@ -32,6 +33,7 @@ class Request:
     sign: float
     informed: float
     left_out: float = 0.0
+    soonest: int = 0
 
 
 class Criterion(Protocol):

@@ -29,7 +29,7 @@ from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
 from estimator.diagnosis.valve_evidence import judge_valve
 from estimator.evidence.records import informed_share
-from estimator.evidence.sign import gain_sign
+from estimator.evidence.sign import gain_sign, soonest_answer
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.linear_fit import LinearFit, fit_linear
 from estimator.outcomes import Reason
@@ -137,7 +137,8 @@ def explain(
         )
     modelling = settings.modelling
     sign = gain_sign(op, pv, sp, exact, modelling)
-    case = Case(rows_of(window, sign, modelling), settings)
+    soonest = 0 if late else soonest_answer(op, pv, sp, sign, modelling)
+    case = Case(rows_of(window, sign, modelling, soonest=soonest), settings)
     as_recorded = None
     if late and not valve_is_healthy:
         recorded = harmonise(given, pv, sp, auto, period, settings.screening)

@@ -98,7 +98,7 @@ def _lag_beside_wave(case: Case, near: Hypothesis, cycles: float, square: bool) 
     best: Hypothesis | None = None
     for slow in _LAGS:
         for dead_time in _DEAD_TIMES:
-            if dead_time > case.max_dead_time:
+            if not case.rows.soonest <= dead_time <= case.max_dead_time:
                 continue
             at = replace(
                 near,

@@ -88,9 +88,9 @@ def weigh(case: Case) -> Weighing:
     hopeless = sticky.likelihood - plain.likelihood < _CLEAR
     if hopeless and _grown(case, plain, sticky, most=1) is plain:
         return Weighing(plain, sticky, (sticky,))
-    healthy, sticky = _weighed(case, plain, sticky)
+    healthy, sticky = _weighed(case, plain, valves[0])
     if _is_doubtful(case, healthy, sticky):
-        healthy, sticky = _looked_again(case, plain, healthy, sticky)
+        healthy, sticky = _looked_again(case, plain, valves[0], healthy, sticky)
     judging = case.settings.judging
     laws: tuple[Hypothesis, ...] = (sticky,)
     if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
@@ -285,11 +285,12 @@ def _is_doubtful(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> bool:
 
 
 def _looked_again(
-    case: Case, plain: Hypothesis, healthy: Hypothesis, sticky: Hypothesis
+    case: Case, plain: Hypothesis, known: Hypothesis, healthy: Hypothesis, sticky: Hypothesis
 ) -> tuple[Hypothesis, Hypothesis]:
     """Both hypotheses after a second search for valves with more effort.
 
-    Most windows are clear without it: it is spent where the answer hangs on it.
+    Most windows are clear without it: it is spent where the answer hangs on it. The valve that is
+    ``known`` was weighed already.
     """
     settings = replace(case.settings, searching=wider(case.settings.searching))
     again = replace(case, settings=settings)
@@ -297,6 +298,8 @@ def _looked_again(
     if not valves:
         return healthy, sticky
     for valve in (valves[0], *_others(valves[0], valves))[:_TRIED]:
+        if not _others(known, (valve,)) and valve.likelihood < known.likelihood + _PAYS:
+            continue
         other, better = _weighed(again, plain, valve, waves=False)
         healthy, sticky = likelier(healthy, other), likelier(sticky, better)
         if not _is_doubtful(case, healthy, sticky):

@@ -127,7 +127,8 @@ class Case:
         """Longest dead time that the rows leave past for."""
         longest_noise = max(self.settings.modelling.noise_orders)
         return max(
-            0, min(self.settings.modelling.max_dead_time, self.rows.first - longest_noise - 2)
+            self.rows.soonest,
+            min(self.settings.modelling.max_dead_time, self.rows.first - longest_noise - 2),
         )
 
     @cached_property

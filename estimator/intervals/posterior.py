@@ -267,7 +267,7 @@ def _sample(case: Case, of: Hypothesis, uneven: float) -> tuple[Array, Array]:
     design = case.design_of(columns, of.taps)
     row = np.array([[of.poles.slow, of.poles.fast, of.poles.third]])
     process = np.repeat(coefficients(of.poles.shape, row), spreading.lanes, axis=1)
-    shortest = max(0, of.dead_time - 1)
+    shortest = max(case.rows.soonest, of.dead_time - 1)
     count = min(3, case.max_dead_time + 1 - shortest)
     centre = np.array([valve.band, valve.jump, valve.start])
     # A sample that a historian drew says nothing of its own; and valves differ in the samples after

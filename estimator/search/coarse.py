@@ -100,8 +100,10 @@ def ranking_of(case: Case, near: Hypothesis, looks: tuple[Look, ...]) -> Ranking
             for poles in (COARSE[0], _INTEGRATING)
         )
         designs.append((at_rest, integrating))
-    longest = case.max_dead_time
-    delays = np.array([d for d in case.settings.searching.delays if d <= longest], dtype=np.int64)
+    soonest, longest = case.rows.soonest, case.max_dead_time
+    delays = np.array(
+        [d for d in case.settings.searching.delays if soonest <= d <= longest], dtype=np.int64
+    )
     return Ranking(case, designs, delays)
 
 

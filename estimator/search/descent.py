@@ -206,7 +206,7 @@ class Descent:
                 points, self.middle, self.root, self.best, self.valve, shape, start
             )
             stems = law(case.rows.u, valves)
-            shortest = max(0, self.late - 1)
+            shortest = max(case.rows.soonest, self.late - 1)
             count = min(3, longest + 1 - shortest)
             least, top, late, middle, root = _learn(
                 stems,

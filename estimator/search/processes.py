@@ -97,7 +97,7 @@ def settle(case: Case, start: Hypothesis, passes: int = 2) -> Hypothesis:
             third = polish(
                 case,
                 best.valve,
-                (seeded, max(0, best.dead_time - 1)),
+                (seeded, max(case.rows.soonest, best.dead_time - 1)),
                 best.nuisances,
                 best.taps,
                 passes=1,
@@ -128,11 +128,12 @@ def _best_start(
     best = (np.inf, poles, dead_time)
     for shape, (group, table, processes) in _starts().items():
         design = case.design(nuisances, taps, stem, replace(poles, shape=shape), dead_time)
-        costs = design.through(stem, processes, 0, case.max_dead_time + 1)
+        soonest = case.rows.soonest
+        costs = design.through(stem, processes, soonest, case.max_dead_time + 1 - soonest)
         rows = case.rows.count, case.rows.floor
         worth, lane, late = _least_worth(costs, SHAPE_NUMBERS[shape], table, rows)
         if worth < best[0] - _BETTER:
-            best = (worth, group[lane], late)
+            best = (worth, group[lane], soonest + late)
     return best[1], best[2]
 
 
@@ -168,7 +169,7 @@ def refine_poles(
         design.judged,
         SHAPE_NUMBERS[poles.shape],
         np.array([poles.slow, poles.fast, poles.third]),
-        (dead_time, case.max_dead_time),
+        (dead_time, case.rows.soonest, case.max_dead_time),
         spread_points(POLE_LANES, 3),
         (case.rows.count, case.rows.floor),
     )
@@ -181,16 +182,16 @@ def _refined(
     judged: Judged,
     shape: int,
     start: Array,
-    dead_times: tuple[int, int],
+    dead_times: tuple[int, int, int],
     points: Array,
     rows: tuple[float, float],
 ) -> tuple[Array, int]:
     """Time constants ``(3,)`` and dead time of `refine_poles`.
 
-    ``dead_times`` are the given and the longest one, ``rows`` the number of judged rows and the
-    least variance.
+    ``dead_times`` are the given, the least and the longest one, ``rows`` the number of judged rows
+    and the least variance.
     """
-    late, longest = dead_times
+    late, soonest, longest = dead_times
     row, reach, best = start, POLE_REACH, np.inf
     for _ in range(POLE_ROUNDS):
         table = moved_poles(shape, row, reach * points)
@@ -202,7 +203,7 @@ def _refined(
             table[-8:, 1] = np.maximum(0.15, np.linspace(0.05, 1.0, 8) * row[0])
         elif shape == _INTEGRATING and row[1] == 0.0:
             table[-4:, 1] = np.array([0.3, 1.0, 3.0, 8.0])
-        shortest = max(0, late - 1)
+        shortest = max(soonest, late - 1)
         count = min(3, longest + 1 - shortest)
         processes = coefficients_of(shape, table)
         costs = costs_of_processes(stem, processes, judged, shortest, count)

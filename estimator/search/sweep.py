@@ -197,7 +197,7 @@ def _simulated(case: Case, start: Hypothesis, table: Array, law: str) -> Array:
     design = case.design(start.nuisances, start.taps, start.stem, start.poles, start.dead_time)
     row = np.array([[start.poles.slow, start.poles.fast, start.poles.third]])
     processes = np.repeat(coefficients(start.poles.shape, row), len(table), axis=1)
-    shortest = max(0, start.dead_time - 1)
+    shortest = max(case.rows.soonest, start.dead_time - 1)
     count = min(3, case.max_dead_time + 1 - shortest)
     stems = LAWS[law](case.rows.u, table)
     costs = design.paired(stems, processes, shortest, count).min(axis=0)

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 
 from fieldlink.assess import Columns, Cut, Job, Judging
 from fieldlink.assess.places import place_of
 from fieldlink.assess.workers.watched import WatchedWorker
 
 
+@pytest.mark.thorough
 def test_a_parquet_file_takes_no_memory_from_the_files_after_it(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).normal(size=(300_000, 2))
     table = pa.table({"op": noise[:60, 0], "pv": noise[:60, 1]})
@@ -32,6 +34,7 @@ def test_a_parquet_file_takes_no_memory_from_the_files_after_it(tmp_path: Path) 
     assert [(row["loop"], row["error"]) for row in rows] == [("A", None), ("B", None)]
 
 
+@pytest.mark.thorough
 def test_a_parquet_file_that_is_too_large_is_said_to_be(tmp_path: Path) -> None:
     # Sixteen bytes a row in memory: three times what the worker may hold.
     batch = pa.record_batch({"op": np.zeros(1_000_000), "pv": np.zeros(1_000_000)})

@@ -75,7 +75,7 @@ def two_loops(folder: Path, sticky: Any, healthy: Any) -> Path:
     return folder / "loops.csv"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_window_that_kills_its_worker_costs_one_row_and_one_killed_by_chance_none(
     tmp_path: Path, sticky, healthy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,6 +130,7 @@ def test_memory_does_not_grow_with_the_number_of_loops(
     assert max(watching.megabytes[early:]) - watching.megabytes[early] < 3.6
 
 
+@pytest.mark.thorough
 def test_dask_gives_the_rows_of_the_local_pool(
     judged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

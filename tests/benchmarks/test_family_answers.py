@@ -12,6 +12,7 @@ from benchmarks.families.report import draw
 from benchmarks.family_answers import Answer, count, loops_of
 from benchmarks.recorded import Labelled
 from benchmarks.recorded_loops import area_of, class_of
+from tests.seeds import in_suite
 
 NOTHING = (math.nan, math.nan, math.nan)
 
@@ -100,7 +101,7 @@ def test_an_area_has_an_interval_only_where_there_are_loops_to_draw():
     assert math.isnan(area_of([1.0], [True], ["a"]).value)
 
 
-@pytest.mark.parametrize("how", STORES)
+@pytest.mark.parametrize("how", in_suite(5, STORES))
 def test_a_stored_record_keeps_the_truth_and_loses_samples(how):
     loop = draw("pi", True, 5000)
     kept_loop, kept = store(loop, how)

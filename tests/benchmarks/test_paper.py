@@ -99,6 +99,7 @@ def test_the_first_position_is_free_for_every_valve():
     assert np.isfinite(free)
 
 
+@pytest.mark.thorough
 def test_the_search_does_not_end_above_the_true_valve():
     """Windows whose likelihood has a second peak: the way to the right one is narrow."""
     example = EXAMPLES[1]

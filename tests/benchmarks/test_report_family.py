@@ -22,6 +22,7 @@ from benchmarks.families.report.valves import (
     move_stem,
     start_stem,
 )
+from tests.seeds import in_suite
 
 BOTH = [
     (kind.name, sticky)
@@ -50,7 +51,7 @@ def test_a_valve_with_forces_leaves_rest_at_its_static_friction(law):
     assert slip == pytest.approx(4.0, rel=0.08)
 
 
-@pytest.mark.parametrize("store", [store_swinging_door, store_box_car])
+@pytest.mark.parametrize("store", in_suite(1, [store_swinging_door, store_box_car]))
 def test_what_compression_returns_passes_through_the_stored_samples(store):
     signal = np.cumsum(np.random.default_rng(3).standard_normal(500))
     read, kept = store(signal, 2.0, 100)

@@ -29,6 +29,7 @@ from fieldlink.lab.study.closed_loop import (
     run,
 )
 from loop_model import LoopModel, ProcessModel, ValveModel
+from tests.seeds import in_suite
 
 NOISE = {"example1": 0.01, "example2": 10**-1.5}
 EXAMPLES = {"example1": EXAMPLE_1, "example2": EXAMPLE_2}
@@ -55,7 +56,7 @@ class TakeOver:
         return (self.first if self.left >= 0 else self.second).decide(sp)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", in_suite(1, EXAMPLES))
 def test_on_the_paper_s_loops_noise_alone_is_left_of_the_oscillation(name: str) -> None:
     example, sigma = EXAMPLES[name], NOISE[name]
     rest = example.process.gain * 50.0

@@ -82,9 +82,10 @@ def test_no_plan_that_keeps_the_ramp_is_better(sp: float) -> None:
     ("rate", "share"),
     [
         (0.6, 0.7),
-        pytest.param(1.0, 0.8, marks=pytest.mark.thorough),
-        (2.0, 0.3),
-        pytest.param(3.0, 0.65, marks=pytest.mark.thorough),
+        *(
+            pytest.param(*one, marks=pytest.mark.thorough)
+            for one in ((1.0, 0.8), (2.0, 0.3), (3.0, 0.65))
+        ),
     ],
 )
 def test_a_slow_op_still_takes_the_oscillation_away(rate: float, share: float) -> None:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.controller.reading import read_aligned
-from estimator.evidence.sign import gain_sign
+from estimator.evidence.sign import gain_sign, soonest_answer
 from estimator.hypotheses.hypothesis import Case
 from estimator.rows import rows_of
 from estimator.settings import SETTINGS
@@ -37,8 +37,9 @@ def case_of(op: Array, pv: Array, *, signed: bool = True) -> Case:
     """The rows of a window as `identify` prepares them; ``signed`` is whether the sign is told."""
     exact = read_aligned(op, pv, None).controller
     sign = gain_sign(op, pv, None, exact, SETTINGS.modelling) if signed else 0.0
+    soonest = soonest_answer(op, pv, None, sign, SETTINGS.modelling) if signed else 0
     window = harmonise(op, pv, None, None, 1.0, SETTINGS.screening)
-    return Case(rows_of(window, sign, SETTINGS.modelling), SETTINGS)
+    return Case(rows_of(window, sign, SETTINGS.modelling, soonest=soonest), SETTINGS)
 
 
 @pytest.fixture(scope="session")

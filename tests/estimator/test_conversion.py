@@ -13,6 +13,7 @@ from estimator.rows import rows_of
 from estimator.settings import SETTINGS
 from estimator.window import harmonise
 from loop_model import ProcessModel, ValveModel
+from tests.seeds import in_suite
 
 N = 240
 CASES = (
@@ -68,7 +69,7 @@ def _continued(model: ProcessModel, stem: np.ndarray, before: np.ndarray, known:
     return np.array(pv[before.size :])
 
 
-@pytest.mark.parametrize("integrating", [False, True])
+@pytest.mark.parametrize("integrating", in_suite(1, [True, False]))
 def test_the_model_for_the_controller_simulates_the_loop(loop, integrating) -> None:
     """From the true stem, which nobody measures; what is wrong with the valve, an integrator sums.
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.families.tuning import draw
 from estimator import ReasonCode, Verdict, identify
 from estimator.arrays import Array
 from estimator.faults import faults_of
 from estimator.settings import SETTINGS
 from tests.closed_loop import run
+from tests.seeds import in_suite
 
 SEEDS = range(20)
 K = np.arange(900.0)
@@ -67,6 +69,21 @@ def test_every_spike_is_found_and_a_step_is_none() -> None:
         assert _faults(pv) == sorted([*at.tolist(), int(at[0]) + 1])
 
 
+def test_spikes_that_are_close_to_each_other_are_found() -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        pv = np.sin(2.0 * np.pi * K / 80.0) + 0.05 * rng.normal(size=K.size)
+        begin = int(rng.integers(50, 800))
+        at = [begin, begin + 3, begin + 4]
+        pv[at] += 6.0
+        assert _faults(pv) == at
+
+
+def test_spikes_that_are_close_to_each_other_accuse_no_valve() -> None:
+    loop = draw("spikes", False, 80030)
+    assert identify(loop.op, loop.pv, sp=loop.sp).verdict is not Verdict.STICTION
+
+
 @pytest.mark.parametrize("long", [10, 40, 300])
 def test_a_value_that_stands_still_is_found(long: int) -> None:
     for seed in SEEDS:
@@ -107,7 +124,7 @@ def _spiked(seed: int, size: float) -> Array:
     return added
 
 
-@pytest.mark.parametrize("size", [1.5, 8.0])
+@pytest.mark.parametrize("size", in_suite(1, [8.0, 1.5]))
 def test_spikes_that_the_controller_answers_accuse_no_valve(size: float) -> None:
     # without this 3 and 10 of the 10 are called sticky with certainty
     for seed in range(10):
@@ -125,7 +142,7 @@ def test_spikes_hide_no_valve() -> None:
         assert found.stick_band.low <= 4.0 <= found.stick_band.high
 
 
-@pytest.mark.parametrize("sticky", [False, True])
+@pytest.mark.parametrize("sticky", in_suite(1, [True, False]))
 def test_a_transmitter_that_froze_is_left_out(sticky: bool) -> None:
     for seed in range(10):
         added = np.zeros(1500)

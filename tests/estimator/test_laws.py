@@ -119,7 +119,7 @@ def test_every_law_has_a_reference() -> None:
 
 
 @pytest.mark.parametrize("law", REFERENCES)
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 500), valve=VALVES)
 def test_a_lane_follows_the_equation(
     law: str, seed: int, valve: tuple[float, float, float]

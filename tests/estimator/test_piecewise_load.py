@@ -117,6 +117,7 @@ class UnevenValve:
         return moved
 
 
+@pytest.mark.thorough
 def test_few_uneven_slips_behind_a_rounded_op_are_not_taken_for_steps_of_a_load() -> None:
     """PV stays for long where a slip left it, and OP is of no effect: no load does that."""
     n, warm, pole = 700, 200, np.exp(-1.0 / 4.0)

@@ -150,6 +150,7 @@ for example in EXAMPLES:
 """
 
 
+@pytest.mark.thorough
 def test_a_loop_that_cycles_is_the_same_under_every_blas() -> None:
     """While a valve sticks, a last digit of the controller's gains grows to another slip."""
     cores = ("Prescott", "Haswell", *(["SkylakeX"] if lacking("skylakex") is None else []))

@@ -106,6 +106,7 @@ def test_a_long_dead_time_is_found_or_its_bound_is_reported() -> None:
     assert result.process.dead_time_samples == 35 or "dead time" in said
 
 
+@pytest.mark.thorough
 def test_no_valve_a_sample_of_dead_time_away_is_taken_for_the_true_one() -> None:
     # a narrower stick band slips a sample earlier, with a dead time that is a sample longer: such
     # a valve is often a maximum of its own, a hundred nats below the truth

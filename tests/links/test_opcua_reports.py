@@ -19,6 +19,7 @@ from fieldlink.links.opcua_session import OpcuaSession
 from fieldlink.links.opcua_values import NodeValue
 from fieldlink.site import Site
 from tests.links.opcua_server import OpcuaServer
+from tests.seeds import in_suite
 from tests.upward.mosquitto import free_port
 
 
@@ -233,7 +234,7 @@ async def test_a_server_that_stands_still_is_believed_for_three_quarters_of_a_pe
 
 
 @pytest.mark.asyncio
-@pytest.mark.parametrize("period", [1.0, 4.0])
+@pytest.mark.parametrize("period", in_suite(1, [1.0, 4.0]))
 async def test_a_server_is_asked_until_it_shows_life_four_times_a_period(
     foreign: OpcuaServer, make_opcua_site: Callable[..., Site], period: float
 ) -> None:
@@ -252,7 +253,7 @@ async def test_a_server_is_asked_until_it_shows_life_four_times_a_period(
 
 
 @pytest.mark.asyncio
-@pytest.mark.parametrize("mode", ["read", "subscribe"])
+@pytest.mark.parametrize("mode", in_suite(1, ["subscribe", "read"]))
 async def test_a_scan_tells_that_it_had_to_connect(
     foreign: OpcuaServer, make_opcua_site: Callable[..., Site], mode: str
 ) -> None:

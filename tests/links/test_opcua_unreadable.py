@@ -17,6 +17,7 @@ from fieldlink.daemon import Daemon
 from fieldlink.links import LinkState, open_link
 from fieldlink.site import Site, load_site
 from tests.links.opcua_server import OpcuaServer, scan_until
+from tests.seeds import in_suite
 
 TYPE_OF_ANSWER = 24
 """Where in a message the node id of its type begins: behind the headers of channel and sequence."""
@@ -89,7 +90,7 @@ async def test_a_handshake_that_cannot_be_read_is_a_reason_of_the_device(
     assert "its answer cannot be read (" in str(scan.failures[0])
 
 
-@pytest.mark.parametrize("mode", ["read", "subscribe"])
+@pytest.mark.parametrize("mode", in_suite(1, ["subscribe", "read"]))
 async def test_spoilt_answers_and_lost_connections_are_reasons_of_the_device(
     make_opcua_site: Callable[..., Site], mode: str
 ) -> None:
