@@ -97,8 +97,9 @@ def _lag_beside_wave(case: Case, near: Hypothesis, cycles: float, square: bool) 
     """The healthy valve with the lag, of a few, that beside a roughly placed wave leaves least."""
     best: Hypothesis | None = None
     for slow in _LAGS:
-        for dead_time in _DEAD_TIMES:
-            if not case.rows.soonest <= dead_time <= case.max_dead_time:
+        for late in _DEAD_TIMES:
+            dead_time = max(late, case.rows.soonest)
+            if dead_time > case.max_dead_time:
                 continue
             at = replace(
                 near,

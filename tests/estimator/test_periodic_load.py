@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter, sawtooth
@@ -9,6 +11,7 @@ from scipy.signal import lfilter, sawtooth
 from estimator import Verdict, identify
 from estimator.evidence.growing import fit_repeating
 from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
+from estimator.evidence.weighing import fit_healthy
 from estimator.hypotheses.periodic_load import PeriodicLoad
 from estimator.processes.poles import Poles, Shape
 from tests.closed_loop import run
@@ -207,3 +210,15 @@ def test_a_sticky_valve_under_it_is_found(seed: int) -> None:
     assert result.verdict is Verdict.STICTION
     # the wave hides strokes: a third of the seeds misses the interval, none the size
     assert result.stick_band.value == pytest.approx(6.0, rel=0.3)
+
+
+@pytest.mark.parametrize("longest", [1, 2, 3, 20])
+def test_it_is_looked_for_whatever_dead_time_the_rows_leave_room_for(case, longest: int) -> None:
+    loop = run(load=1.5 * np.sin(2.0 * np.pi * np.arange(1500) / 60.0), seed=1)
+    whole = case(loop.op, loop.pv)
+    assert whole.rows.soonest == 1
+    modelling = replace(whole.settings.modelling, max_dead_time=longest)
+    short = replace(whole, settings=replace(whole.settings, modelling=modelling))
+    found = fit_periodic_load(short, (fit_healthy(short),))
+    assert found is not None
+    assert 1 <= found.dead_time <= longest
