@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -75,7 +76,11 @@ async def test_a_message_that_no_packet_can_carry_is_left_out(
     spool = Spool(tmp_path / "data/mqtt_spool.sqlite", ["json"], most_bytes=10**7, longest=1e6)
     spool.open()
     spool.append(
-        [Message("event", "daemon", 1_700_000_000_000, {"kind": "x", "message": "\ud800"})]
+        [
+            Message(
+                "event", "daemon", time.time_ns() // 1_000_000, {"kind": "x", "message": "\ud800"}
+            )
+        ]
     )
     spool.close()
     async with (

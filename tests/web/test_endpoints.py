@@ -48,7 +48,7 @@ async def test_health_and_metrics_of_a_running_daemon(
     device: Any, tmp_path: Path, live: Any
 ) -> None:
     site = with_web(
-        live.site_for(tmp_path, {"plc": device.port}, window=160, estimate_every=40.0), ""
+        live.site_for(tmp_path, {"plc": device.port}, window=240, estimate_every=40.0), ""
     )
     async with live.plant_on(device), live.running(site) as daemon, web_server(site, daemon) as at:
         base = f"http://127.0.0.1:{at}"
