@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from itertools import combinations
 
 from fieldlink.diagnosis import LoopSignals
+from fieldlink.site.folded_warnings import shown
 
 __all__ = ["clock_notes"]
 
@@ -25,7 +26,8 @@ def clock_notes(signals: Mapping[str, LoopSignals]) -> tuple[str, ...]:
     undated = [name for name, one in signals.items() if not math.isfinite(one.start_s)]
     if undated:
         have = "has" if len(undated) == 1 else "have"
-        who = "the records have" if len(undated) == len(signals) else f"{_listed(undated)} {have}"
+        some = f"{shown(undated, _NAMED)} {have}"
+        who = "the records have" if len(undated) == len(signals) else some
         return (
             f"{who} no date and time, so all loops are taken to start at the same moment. Where "
             f"they do not, who swings together is not to be trusted: export with times.",
@@ -49,20 +51,12 @@ def clock_notes(signals: Mapping[str, LoopSignals]) -> tuple[str, ...]:
     elif alone:
         shares = "shares" if len(alone) == 1 else "share"
         notes.append(
-            f"{_listed(alone)} {shares} no hours with the other loops and cannot be grouped with "
-            f"them. Export the same hours of every loop."
+            f"{shown(alone, _NAMED)} {shares} no hours with the other loops and cannot be grouped "
+            f"with them. Export the same hours of every loop."
         )
     if rest:
         notes.append(
-            f"{_listed(rest)} share no hours: whether they swing together was not asked. Export "
-            f"the same hours of every loop."
+            f"{shown(rest, _NAMED)} share no hours: whether they swing together was not asked. "
+            f"Export the same hours of every loop."
         )
     return tuple(notes)
-
-
-def _listed(names: list[str]) -> str:
-    """Some names and how many more."""
-    more = len(names) - _NAMED
-    if more <= 0:
-        return ", ".join(names)
-    return f"{', '.join(names[:_NAMED])} and {more} more"

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fieldlink.common_hours import clock_notes
 from fieldlink.diagnosis import Diagnosis, Group, LoopSignals, diagnose, find_groups
 from fieldlink.errors import FieldlinkError
+from fieldlink.site.folded_warnings import shown
 from fieldlink.site.recorded_loops import distinct_names
 from fieldlink.site.recording import Recording
 
@@ -33,8 +34,6 @@ Floats = NDArray[np.float64]
 
 _KEPT = 20_000
 """Samples of a loop that are kept to find groups: a day at 4.3 s, a period of 20 s and slower."""
-_NAMED = 5
-"""Loops that a note names; the others are counted."""
 
 
 class DiagnosisError(FieldlinkError):
@@ -133,9 +132,7 @@ def _twice_notes(names: Sequence[str], found: Sequence[Answered]) -> tuple[str, 
         if loop and name != loop:
             called.setdefault(loop, []).append(name)
     return tuple(
-        f"{loop} is in more than one file: called {', '.join(own[:_NAMED])}"
-        f"{f' and {len(own) - _NAMED} more' if len(own) > _NAMED else ''}."
-        for loop, own in called.items()
+        f"{loop} is in more than one file: called {shown(own)}." for loop, own in called.items()
     )
 
 
@@ -169,11 +166,7 @@ def _reading_notes(notes: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
     for name, said in notes.items():
         for note in said:
             about.setdefault(note, []).append(name)
-    return tuple(
-        f"{', '.join(names[:_NAMED])}"
-        f"{f' and {len(names) - _NAMED} more' if len(names) > _NAMED else ''}: {note}"
-        for note, names in about.items()
-    )
+    return tuple(f"{shown(names)}: {note}" for note, names in about.items())
 
 
 def _thinned(recording: Recording) -> LoopSignals:

@@ -47,7 +47,7 @@ def fold(warnings: Iterable[Warned]) -> Iterator[str]:
             yield f"{len(names)} {about}s ({shown(names)}): {text}"
 
 
-def shown(names: Sequence[str]) -> str:
-    """Return the first names, and how many there are besides."""
-    more = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+def shown(names: Sequence[str], most: int = _NAMED) -> str:
+    """Return the first names, at most so many, and how many there are besides."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
