@@ -89,6 +89,9 @@ class _Step:
             match = self._match(proposal)
             if match is None:
                 match = self._bear(proposal)
+            elif _is_follower_alone(match, proposal):
+                # it has the group's finding, and is no proof that the group is still there
+                continue
             elif match.trial is None and match.id not in seen:
                 self._see_again(match, proposal)
             seen.add(match.id)
@@ -121,7 +124,8 @@ class _Step:
             )
             return
         loop = self.loops.get(found.loop)
-        if found.trial is None and loop is not None and found.cause != "manual":
+        if found.trial is None and loop is not None and loop.cause(found.cause) is None:
+            # a cause that shows in manual too, such as a bad transmitter, is not over
             if loop.is_in_manual and loop.manual_since_ms is not None:
                 self._begin_trial(found, Trial(found.loop, loop.manual_since_ms, "in manual"), "")
         elif found.trial is not None:
@@ -194,11 +198,6 @@ class _Step:
 
     def _see_again(self, found: OpenFinding, proposal: Proposal) -> None:
         before = found
-        # one member alone is not a new shape of a group that it belongs to
-        is_member = found.is_group and len(proposal.loops) == 1
-        is_source = (proposal.loop, proposal.cause) == (found.loop, found.cause)
-        if is_member and not is_source:
-            return
         found = replace(
             found,
             seen=found.seen + 1,
@@ -208,14 +207,20 @@ class _Step:
             evidence=proposal.evidence,
             action=proposal.action,
         )
-        if not is_member:
+        if found.is_group and len(proposal.loops) == 1:
+            found = self._see_source_alone(found)
+        else:
+            # those without a new window have neither left the group nor stayed in it
+            silent = [name for name in found.others if name not in self.loops]
+            more = [name for name in silent if found.is_group and name not in proposal.loops]
             found = replace(
                 found,
                 cause=proposal.cause,
                 loop=proposal.loop,
-                loops=proposal.loops,
+                loops=(*proposal.loops, *more),
                 swing_period_s=proposal.swing_period_s,
                 candidates=proposal.candidates,
+                alone=0,
             )
         said = describe_finding(found)
         if found.state is State.WATCH and found.seen >= self.rules.confirm_after:
@@ -229,6 +234,18 @@ class _Step:
             self._tell(found, f"changed: {said}; before: {describe_finding(before)}")
         else:
             self.open[found.id] = found
+
+    def _see_source_alone(self, found: OpenFinding) -> OpenFinding:
+        """Return a group whose source shows by itself; it is none once the others stay calm."""
+        judged = [self.loops[name] for name in found.others if name in self.loops]
+        if not judged:
+            return found
+        if any(loop.swings_with(found.swing_period_s) for loop in judged):
+            return replace(found, alone=0)
+        found = replace(found, alone=found.alone + 1)
+        if found.alone < self.rules.close_after:
+            return found
+        return replace(found, loops=(found.loop,), candidates=(), alone=0)
 
     def _absorb(self, into: str, proposal: Proposal, seen: set[str]) -> None:
         """Close the findings of single loops that turn out to be one group's."""
@@ -254,7 +271,9 @@ class _Step:
     def _has_a_say(self, found: OpenFinding) -> bool:
         """Whether this round judged enough loops of the finding to have shown it."""
         if found.trial is not None:
-            return any(name in self.loops for name in found.others)
+            begun = found.trial.utc_ms
+            others = [self.loops[name] for name in found.others if name in self.loops]
+            return any(loop.begin_ms >= begun for loop in others)
         if found.loop:
             loop = self.loops.get(found.loop)
             return loop is not None and not _is_hidden(found, loop)
@@ -284,6 +303,12 @@ class _Step:
         while (found := f"{moment:%Y%m%d-%H%M%S}-{number}") in taken:
             number += 1
         return found
+
+
+def _is_follower_alone(found: OpenFinding, proposal: Proposal) -> bool:
+    """Whether a proposal is one loop of a group other than its source."""
+    is_source = (proposal.loop, proposal.cause) == (found.loop, found.cause)
+    return found.is_group and len(proposal.loops) == 1 and not is_source
 
 
 def _is_hidden(found: OpenFinding, loop: ObservedLoop) -> bool:

@@ -55,6 +55,7 @@ class OpenFinding:
         evidence, action: as in the newest diagnosis that saw it.
         candidates: of a group, as in ``fieldlink diagnose --json``.
         seen, missed: diagnoses that saw it, and those in a row that did not.
+        alone: diagnoses in a row that saw the source of a group and none of the others swing.
         seen_ms: end of the newest window that saw it.
         trial: see `Trial`; None where there is none.
     """
@@ -72,6 +73,7 @@ class OpenFinding:
     candidates: tuple[Mapping[str, Any], ...] = ()
     seen: int = 1
     missed: int = 0
+    alone: int = 0
     seen_ms: int = 0
     trial: Trial | None = None
 

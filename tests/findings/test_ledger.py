@@ -217,6 +217,56 @@ def test_a_source_that_turns_out_to_be_another_stays_one_finding() -> None:
     assert (changed.loop, changed.state) == ("", "confirmed")
 
 
+def test_what_shows_in_manual_too_is_not_over_in_manual() -> None:
+    broken = [at(hour, {"A": loop(hour, "sensor")}) for hour in (1, 2)]
+    ledger, row = confirmed(*broken)
+    states = []
+    for hour in range(3, 9):
+        seen = loop(hour, "manual", "sensor", manual_since_ms=5 * HOUR // 2)
+        states += [(one.cause, one.state) for one in ledger.advance(at(hour, {"A": seen}))]
+    assert states == [("manual", "watch"), ("manual", "confirmed")]
+    assert row.finding in {one.id for one in ledger.open}
+
+
+def test_a_member_without_a_new_window_stays_in_its_group() -> None:
+    ledger, _ = confirmed(swinging(1, "A", "B", "C"), swinging(2, "A", "B", "C"))
+    for hour in range(3, 9):
+        # C's windows are twice as long as the others'
+        assert ledger.advance(swinging(hour, "A", "B", *("C" if hour % 2 == 0 else ""))) == []
+    (one,) = ledger.open
+    assert set(one.loops) == {"A", "B", "C"}
+
+
+def test_a_group_whose_others_stay_calm_is_its_source_alone() -> None:
+    ledger, row = confirmed(swinging(1, "A", "B", "C"), swinging(2, "A", "B", "C"))
+    told = []
+    for hour in range(3, 9):
+        alone = {"A": loop(hour, "sticky_valve", period=90.0)}
+        alone |= {name: loop(hour, "quiet") for name in "BC"}
+        told += ledger.advance(at(hour, alone))
+    (changed,) = told
+    assert (changed.finding, changed.loops) == (row.finding, ("A",))
+    assert changed.message.startswith("changed: A: sticky valve, swings every 90 s; before: cand")
+
+
+@pytest.mark.parametrize("source", ["A", None])
+def test_one_loop_that_still_swings_does_not_keep_its_group(source: str | None) -> None:
+    rounds = [swinging(hour, "A", "B", "C") for hour in (1, 2)]
+    ledger = Ledger()
+    for one in rounds:
+        ledger.advance(replace(one, groups=(group("A", "B", "C", source=source),)))
+    (found,) = [one for one in ledger.open if one.is_group]
+    told = []
+    for hour in range(3, 9):
+        left = {name: loop(hour, "quiet") for name in "AC"}
+        left["B"] = loop(hour, "external_oscillation", period=90.0)
+        told += ledger.advance(at(hour, left))
+    of_group = [row for row in told if row.finding == found.id]
+    assert [row.state for row in of_group] == ["closed"]
+    # what goes on there is a finding of its own
+    assert [(one.loops, one.state.value) for one in ledger.open] == [(("B",), "confirmed")]
+
+
 @pytest.mark.parametrize(
     ("period", "said"),
     [
