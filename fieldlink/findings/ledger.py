@@ -57,6 +57,12 @@ class Ledger:
         """Take over changed settings."""
         self._rules = _Rules(confirm_after, close_after)
 
+    def close_all(self, utc_ms: int, reason: str) -> list[FindingRecord]:
+        """Close every finding and return their rows."""
+        rows = [one.closed().record(utc_ms, reason) for one in self.open]
+        self._open = {}
+        return rows
+
     def advance(self, now: Round) -> list[FindingRecord]:
         """Take a round and return the rows of every finding that changed by it."""
         step = _Step(now, self._open, self._rules)
@@ -72,11 +78,15 @@ class _Step:
         self.now, self.rules = now, rules
         self.open = dict(before)
         self.rows: list[FindingRecord] = []
+        # a repair of tomorrow was noted by a clock that was wrong: no window begins after it
+        self.repairs = {
+            name: repair for name, repair in now.repairs.items() if repair.utc_ms <= now.utc_ms
+        }
         # a window with samples from before a repair says nothing of the loop after it
         self.loops = {
             name: loop
             for name, loop in now.loops.items()
-            if name not in now.repairs or now.repairs[name].utc_ms <= loop.begin_ms
+            if name not in self.repairs or self.repairs[name].utc_ms <= loop.begin_ms
         }
 
     def take(self) -> None:
@@ -116,7 +126,7 @@ class _Step:
         """See whether the loop that has the cause was repaired or is in manual."""
         if not found.loop:
             return
-        repair = self.now.repairs.get(found.loop)
+        repair = self.repairs.get(found.loop)
         is_new = repair is not None and repair.utc_ms > found.born_ms
         if repair is not None and is_new and (found.trial is None or self._is_later(found, repair)):
             self._begin_trial(

@@ -128,12 +128,14 @@ class FleetReader:
     def work(self) -> list[dict[str, Any]]:
         """Return what people have said about the work; nothing in a store of an earlier release.
 
-        Rows are dictionaries, oldest first, with ``time`` (UTC) instead of ``utc_ms``.
+        Rows are dictionaries with ``time`` (UTC) instead of ``utc_ms``, in the order in which they
+        were said: a repair entered afterwards (``--at``) is older than what was said before, and is
+        the last word all the same.
         """
         if not self._has(WORK):
             return []
         columns = [column for column in WORK.columns if column.name != "id"]
-        return self._records(select(*columns).order_by(WORK.c.utc_ms, WORK.c.id))
+        return self._records(select(*columns).order_by(WORK.c.id))
 
     def events(self, kinds: Sequence[str]) -> list[dict[str, Any]]:
         """Return the events of some kinds; rows as of `work`."""

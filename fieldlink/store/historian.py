@@ -153,6 +153,7 @@ class Historian:
 
     def _run(self) -> None:
         try:
+            self._begin_housekeeping()
             while True:
                 # Asked first: what was put before `stop` is in the queue then.
                 stopping = self._stopping.is_set()
@@ -279,16 +280,25 @@ class Historian:
                 self._counts.add(removed=removed)
         except SQLAlchemyError as error:
             # The next sweep begins where this one ended.
-            self._sweep = None
-            self._note_failure(cause_of(error), None)
-            if is_corruption(error):
-                self._replace(error)
-                return
-            self._counts.recover()
+            self._end_sweep(error)
         except Exception as error:  # noqa: BLE001  (logged; samples go on being stored)
             self._sweep = None
             self._note_failure(" ".join(str(error).split()), None)
             self._counts.recover()
+
+    def _begin_housekeeping(self) -> None:
+        try:
+            self._housekeeping.begin(self._database.engine)
+        except SQLAlchemyError as error:
+            self._end_sweep(error)
+
+    def _end_sweep(self, error: SQLAlchemyError) -> None:
+        self._sweep = None
+        self._note_failure(cause_of(error), None)
+        if is_corruption(error):
+            self._replace(error)
+            return
+        self._counts.recover()
 
     def _replace(self, error: SQLAlchemyError) -> bool:
         self._sweep = None

@@ -70,7 +70,8 @@ class RetentionClock:
     """The time by which data grow old: a wall clock that steps forward is not believed at once.
 
     A clock that jumps to the year 2099 would otherwise empty the store. It is believed again when
-    it has gone on without a further step for a day.
+    it has gone on without a further step for a day. A process that begins does not know whether the
+    clock stepped before: see `begin`.
 
     Args:
         wall, monotonic: seconds; the machine's own clocks unless given.
@@ -85,6 +86,15 @@ class RetentionClock:
         self._monotonic = monotonic
         self._anchor = wall() - monotonic()
         self._ahead: tuple[float, float] | None = None
+
+    def begin(self, newest: float) -> None:
+        """Take what the clock is ahead of the newest stored data for a step.
+
+        Args:
+            newest: when those were stored, seconds since 1970. Nobody knows whether the process
+                ended so long ago or the clock is wrong: either is believed after a day.
+        """
+        self._anchor = min(self._anchor, newest - self._monotonic())
 
     def now(self) -> float:
         """Seconds since 1970, without steps of the clock into the future."""
@@ -110,6 +120,14 @@ class Housekeeping:
     def __init__(self, retention: Retention, clock: RetentionClock | None = None) -> None:
         self._retention = retention
         self._clock = clock or RetentionClock()
+
+    def begin(self, engine: Engine) -> None:
+        """Let the clock begin with what is stored; to be called before samples are added."""
+        if self._retention.samples_days is None and self._retention.averages_days is None:
+            return
+        newest = _newest(engine, SAMPLES)
+        if newest is not None:
+            self._clock.begin(newest / 1000.0)
 
     def sweep(self, engine: Engine) -> Iterator[int]:
         """Do what is due, one transaction for every item; yields the rows that each removed."""
@@ -214,6 +232,13 @@ def _oldest(engine: Engine, table: Table) -> int | None:
     with engine.connect() as connection:
         firsts = [_first(connection, table, loop) for loop in _loops(engine, table)]
     return min((first for first in firsts if first is not None), default=None)
+
+
+def _newest(engine: Engine, table: Table) -> int | None:
+    query = select(func.max(table.c.utc_ms))
+    with engine.connect() as connection:
+        lasts = [connection.scalar(query.where(table.c.loop == x)) for x in _loops(engine, table)]
+    return max((int(last) for last in lasts if last is not None), default=None)
 
 
 def _remove(connection: Connection, table: Table, loop: str, before: int) -> int:

@@ -21,6 +21,7 @@ from typing import TypeVar
 
 from fieldlink.store.damage import is_corruption, set_aside
 from fieldlink.store.errors import StoreError
+from fieldlink.store.housekeeping import RetentionClock
 from fieldlink.upward.errors import UpwardError
 from fieldlink.upward.messages import LEFT, Message
 
@@ -64,6 +65,7 @@ class Spool:
         readers: the formats that deliver; what all of them have confirmed is deleted.
         most_bytes: size of the messages and their pages above which the oldest go.
         longest: seconds after which a message goes.
+        clock: the time by which messages grow old.
 
     Attributes:
         stream: name of this file's numbering.
@@ -73,12 +75,19 @@ class Spool:
     """
 
     def __init__(
-        self, file: Path, readers: Sequence[str], *, most_bytes: int, longest: float
+        self,
+        file: Path,
+        readers: Sequence[str],
+        *,
+        most_bytes: int,
+        longest: float,
+        clock: RetentionClock | None = None,
     ) -> None:
         self._file = file
         self._readers = tuple(readers)
         self._most_bytes = most_bytes
         self._longest = longest
+        self._clock = clock or RetentionClock()
         self._open_file: sqlite3.Connection | None = None
         self.stream = ""
         self.last_id = 0
@@ -193,7 +202,7 @@ class Spool:
         return self._heal(self._trim)
 
     def _trim(self) -> int:
-        oldest = round(1000.0 * (time.time() - self._longest))
+        oldest = round(1000.0 * (self._clock.now() - self._longest))
         with self._connection as connection:
             # Numbers, not times, decide what is old: a clock that stepped must not tear the order.
             row = connection.execute(

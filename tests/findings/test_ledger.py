@@ -267,6 +267,14 @@ def test_one_loop_that_still_swings_does_not_keep_its_group(source: str | None) 
     assert [(one.loops, one.state.value) for one in ledger.open] == [(("B",), "confirmed")]
 
 
+def test_a_repair_noted_by_a_clock_that_was_ahead_hides_no_loop() -> None:
+    repairs = {"A": Repair(10_000 * HOUR, "packing replaced")}
+    ledger = Ledger()
+    rounds = [at(h, {"A": loop(h, "sticky_valve")}, repairs=repairs) for h in (1, 2)]
+    rows = [row for one in rounds for row in ledger.advance(one)]
+    assert [row.state for row in rows] == ["watch", "confirmed"]
+
+
 @pytest.mark.parametrize(
     ("period", "said"),
     [

@@ -155,3 +155,20 @@ def test_a_clock_that_steps_back_is_followed_at_once() -> None:
     wall[0] -= 7200.0
     elapsed[0] = 10.0
     assert clock.now() == 1e9 - 7200.0 + 10.0
+
+
+def test_a_daemon_that_begins_with_a_clock_far_ahead_removes_nothing(
+    url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = time.time()
+    records = [
+        SampleRecord("FC101", round(1000.0 * (now - age)), k, 1.0, 2.0, None, None, 0)
+        for k, age in enumerate((90_000.0, 3600.0))
+    ]
+    wanted = Retention(samples_days=2.0)
+    filled(url, list(records), wanted)
+    ahead = 12.0 * 365.0 * 86_400.0
+    clocks = (lambda: time.time() + ahead, time.monotonic)
+    monkeypatch.setattr(RetentionClock.__init__, "__defaults__", clocks)
+    filled(url, [], wanted)
+    assert len(read_samples(url)) == 2

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from fieldlink.store.errors import StoreError
+from fieldlink.store.housekeeping import RetentionClock
 from fieldlink.upward.errors import UpwardError
 from fieldlink.upward.messages import Message
 from fieldlink.upward.spool import Spool
@@ -162,6 +163,19 @@ def test_what_is_too_old_goes_and_a_clock_that_stepped_tears_no_hole(
     assert aged.trim() == 3
     assert [message.id for message in aged.read(0, 10)] == [4, 5, 6, 7]
     aged.close()
+
+
+def test_a_clock_that_jumps_ahead_drops_nothing(tmp_path: Path) -> None:
+    began, ahead = time.time(), [0.0]
+    clock = RetentionClock(lambda: began + ahead[0], lambda: 0.0)
+    file = tmp_path / "s.sqlite"
+    waiting = Spool(file, ["a"], most_bytes=10**9, longest=3600.0, clock=clock)
+    waiting.open()
+    waiting.append(messages(3, round(1000 * began)))
+    ahead[0] = 10.0 * 365.0 * 86_400.0
+    assert waiting.trim() == 0
+    assert waiting.waiting("a") == 3
+    waiting.close()
 
 
 def test_a_message_leaves_when_every_format_has_delivered_it(spool: Callable[..., Spool]) -> None:

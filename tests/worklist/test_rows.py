@@ -211,6 +211,13 @@ def test_the_newest_word_counts_and_all_are_kept(own_fleet: Fleet) -> None:
         ]
 
 
+def test_a_repair_entered_afterwards_is_the_newest_word(own_fleet: Fleet) -> None:
+    record_work(own_fleet.url, "FC102", "planned", owner="Li", utc_ms=END_MS)
+    record_work(own_fleet.url, "FC102", "done", note="packing", utc_ms=END_MS - 3_600_000)
+    row = next(loop.row for loop in list_loops(own_fleet.url) if loop.row.tag == "FC102")
+    assert (row.state, row.item.note if row.item else "") == ("done", "packing")
+
+
 def test_work_makes_no_historian_and_no_unknown_state(own_fleet: Fleet) -> None:
     with pytest.raises(StoreError, match="run the daemon first"):
         record_work("sqlite:///nowhere.sqlite", "FC101", "open")

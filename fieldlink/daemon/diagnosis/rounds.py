@@ -135,6 +135,12 @@ class DiagnosisRounds:
             self._tell(row)
         self._rounds += 1
 
+    def switch_off(self) -> None:
+        """Close what is open: nobody looks any more whether it is still so."""
+        now_ms = round(1000.0 * self._clock.utc())
+        for row in self._ledger.close_all(now_ms, "the site file switches the diagnosis off"):
+            self._tell(row)
+
     def interval(self, table: FindingsTable) -> float:
         """Return the seconds of the clock between two rounds."""
         fastest = max((runner.speed for runner in self._runners().values()), default=1.0)

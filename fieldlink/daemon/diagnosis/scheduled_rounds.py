@@ -46,6 +46,7 @@ class ScheduledRounds:
         if not table.enabled:
             self._every = 0.0
             schedule.remove(ROUND)
+            self._rounds.switch_off()
         elif (seconds := self._rounds.interval(table)) != self._every:
             self._every = seconds
             schedule.every(seconds, ROUND, self._make)
@@ -73,3 +74,6 @@ class ScheduledRounds:
             self._journal.defect("daemon", error, "this round of diagnoses is left out")
         finally:
             self._judging.tasks.discard(task)
+            if not self._site().file.findings.enabled:
+                # switched off while the round was under way
+                self._rounds.switch_off()
