@@ -27,6 +27,7 @@ from sqlalchemy import (
     text,
 )
 
+from fieldlink.store.records import EventRecord
 from fieldlink.store.schema import AVERAGES, SAMPLES
 
 __all__ = ["Housekeeping", "Retention", "RetentionClock"]
@@ -40,6 +41,9 @@ STEP_MS = 2 * HOUR_MS
 
 LOW_WATER = 0.9
 """Share of the largest size at which making room ends."""
+
+SAMPLE_BYTES = 100
+"""Bytes that a sample takes with its place in the index, see docs/operations.md."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,28 +181,30 @@ class Housekeeping:
         if used <= largest:
             yield from _give_back(engine)
             return
-        removed = 0
-        while used > LOW_WATER * largest:
+        removed, wanted = 0, LOW_WATER * largest
+        while used > wanted:
             rows = 0
-            for count in self._oldest_part(engine, now):
+            for count in self._oldest_part(engine, now, used - wanted):
                 rows += count
                 yield count
             removed += rows
             if rows == 0:
                 break
             used = _used_bytes(engine)
-        _log.warning(
-            "store.at_its_bound", bytes=used, max_bytes=largest, rows_removed=removed,
-            advice="raise historian.max_megabytes, or lower retention_days",
-        )  # fmt: skip
+        _tell_of_bound(engine, used, largest, removed)
         yield from _give_back(engine)
 
-    def _oldest_part(self, engine: Engine, now: int) -> Iterator[int]:
-        """Remove a twentieth of the time that there is, samples while there is a day of them."""
+    def _oldest_part(self, engine: Engine, now: int, too_much: float) -> Iterator[int]:
+        """Remove a twentieth of the time that there is, samples while there is a day of them.
+
+        The last day of them goes only where that makes the room: estimates that are above the bound
+        by themselves, and are never removed, must not cost every sample.
+        """
         oldest = _oldest(engine, SAMPLES)
         floor = _oldest(engine, AVERAGES)
         day = round(1000.0 * DAY)
-        if oldest is not None and (now - oldest > day or floor is None):
+        helps = floor is None and SAMPLE_BYTES * _sample_count(engine) >= too_much
+        if oldest is not None and (now - oldest > day or helps):
             part = max(self._retention.bucket_ms, (now - oldest) // 20)
             yield from self._thin(engine, oldest + part + self._retention.bucket_ms)
         elif floor is not None:
@@ -275,6 +281,32 @@ def _average(connection: Connection, loop: str, start: int, end: int, bucket: in
         .group_by(s.loop, text("2"))
     )
     connection.execute(insert(AVERAGES).from_select(list(columns), query))
+
+
+def _sample_count(engine: Engine) -> int:
+    """About as many samples as there are: rows are numbered, and the oldest are removed first."""
+    with engine.connect() as connection:
+        first, last = connection.execute(
+            select(func.min(SAMPLES.c.id), func.max(SAMPLES.c.id))
+        ).one()
+    return 0 if last is None else int(last - first + 1)
+
+
+def _tell_of_bound(engine: Engine, used: int, largest: int, removed: int) -> None:
+    """Log and store that the bound was reached, and what it takes where it cannot be kept."""
+    said = f"historian.max_megabytes = {largest / 1e6:g} is reached; {removed} old rows went; "
+    if used > largest:
+        said += (
+            f"{used / 1e6:.0f} MB are left, most of them estimates and diagnoses, which are always "
+            "kept: raise max_megabytes, make estimates rarer (estimate_every, findings.every), or "
+            "begin a new file (historian.url)"
+        )
+    else:
+        said += "raise it, or lower retention_days"
+    _log.warning("store.at_its_bound", message=said)
+    record = EventRecord(round(1000.0 * time.time()), "store.at_its_bound", "store", said)
+    with engine.begin() as connection:
+        connection.execute(insert(record.table), record.row())
 
 
 def _used_bytes(engine: Engine) -> int:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fieldlink.store import (
+    EstimateRecord,
     EventRecord,
     Historian,
     HistorianSettings,
@@ -16,6 +18,8 @@ from fieldlink.store import (
     SampleRecord,
     WritebackRecord,
     read_averages,
+    read_estimates,
+    read_events,
     read_samples,
     read_writebacks,
 )
@@ -133,6 +137,26 @@ def test_the_file_keeps_within_its_bound(url: str, tmp_path: Path) -> None:
     assert kept.iloc[-1] == 35_999
     assert kept.is_monotonic_increasing
     assert len(kept) == 36_000 - report.removed
+
+
+def test_estimates_above_the_bound_cost_no_sample_of_the_last_day(url: str) -> None:
+    now = round(1000.0 * time.time())
+    bound = 2_000_000
+    records: list[Any] = [
+        EstimateRecord("FC101", stamp, stamp, k, k, "estimated", "", document={"text": 2000 * "x"})
+        for k in range(1000)
+        if (stamp := now - (1000 - k) * 400_000)
+    ]
+    ages = (3 * DAY_MS, 2 * DAY_MS, *(DAY_MS - 60_000 * k for k in range(1, 1001)))
+    records += [
+        SampleRecord("FC101", now - age, k, 1.0, 2.0, None, None, 0) for k, age in enumerate(ages)
+    ]
+    filled(url, records, Retention(max_bytes=bound))
+    assert len(read_estimates(url)) == 1000
+    assert read_samples(url)["slot"].tolist() == list(range(2, 1002))
+    told = read_events(url).iloc[-1]
+    assert told["kind"] == "store.at_its_bound"
+    assert "always kept: raise max_megabytes" in told["message"]
 
 
 def test_a_clock_that_jumps_ahead_removes_nothing_for_a_day() -> None:
