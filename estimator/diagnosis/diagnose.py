@@ -107,7 +107,8 @@ def _of_op_alone(
     record: LoopRecord, swing: Oscillation, signal: str, settings: DiagnosisSettings
 ) -> Diagnosis:
     nowhere = np.zeros(record.op.size, dtype=bool)
-    limits = limits_of(record.op, record.op - record.op.mean(), None, nowhere, settings.facts)
+    centred = record.op - record.op.mean()
+    limits = limits_of(record.op, centred, None, nowhere, settings.facts, usable=record.good)
     indices = figures_of(
         record.op, None, None, None, record.auto, record.period, None, swing, limits, None
     )

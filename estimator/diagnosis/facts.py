@@ -139,14 +139,17 @@ def limits_of(
     by_hand: Mask,
     settings: Facts,
     period: float = 1.0,
+    usable: Mask | None = None,
 ) -> Limits:
-    """Where OP is held at its highest or lowest value.
+    """Where OP is held at its highest or lowest value; only ``usable`` samples count.
 
     With a known controller a limit is where it would have moved OP further outwards and OP stayed;
     without one it is where OP stays at an extreme for long. OP that moves in steps must be held
     there (`estimator.diagnosis.standing`).
     """
     found = np.zeros(op.size, dtype=bool)
+    # what bridges a hole, at the ends of a record above all, stands still and is not OP
+    read = np.ones(op.size, dtype=bool) if usable is None else usable
     sides = []
     span = float(np.ptp(op))
     if span == 0.0:
@@ -155,7 +158,8 @@ def limits_of(
     in_steps = moves_in_steps(op, settings)
     for side, extreme in ((1.0, op.max()), (-1.0, op.min())):
         at = (np.abs(op - extreme) <= 1e-6 * span) & ~by_hand
-        stays = at & np.concatenate([[False], at[:-1]])
+        stays = at & read
+        stays &= np.concatenate([[False], stays[:-1]])
         if not stays.any():
             sides.append(False)
             continue
@@ -196,7 +200,10 @@ def sensor_of(
 ) -> Sensor:
     """What PV itself tells about its sensor; only ``usable`` samples count."""
     y = pv[usable]
-    if y.size < settings.least_run or float(np.ptp(y)) == 0.0:
+    if y.size < settings.least_run:
+        # too few to tell anything: that PV is not there is no fault of its sensor
+        return Sensor(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(pv.size, dtype=bool))
+    if float(np.ptp(y)) == 0.0:
         return Sensor(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, usable)
     e = error[usable]
     deviation = max(float(np.std(e)), 1e-12 * max(1.0, float(np.abs(y).max())))

@@ -82,7 +82,9 @@ def gather(
     recorded = record
     if by_hand.any():
         record = replace(record, auto=~by_hand)
-    limits = limits_of(record.op, error, controller, by_hand, settings.facts, period)
+    limits = limits_of(
+        record.op, error, controller, by_hand, settings.facts, period, recorded.good
+    )
     sensor = sensor_of(pv, error, controller, record.good, settings.facts)
     manual = float(np.mean(by_hand))
     gap = gap_of(record.op, error, settings.facts)
