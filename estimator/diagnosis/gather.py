@@ -82,9 +82,7 @@ def gather(
     recorded = record
     if by_hand.any():
         record = replace(record, auto=~by_hand)
-    limits = limits_of(
-        record.op, error, controller, by_hand, settings.facts, period, recorded.good
-    )
+    limits = limits_of(record.op, error, controller, by_hand, settings.facts, period, recorded.good)
     sensor = sensor_of(pv, error, controller, record.good, settings.facts)
     manual = float(np.mean(by_hand))
     gap = gap_of(record.op, error, settings.facts)

@@ -141,7 +141,7 @@ class LockstepRun:
                 continue
             if table.enabled and now >= rounds * table.every:
                 rounds = int(now // table.every) + 1
-                await self._rounds.run(self._site, InlineWorker())
+                await self._rounds.run(lambda: self._site, InlineWorker())
             await self._step(device.runner, now)
             device.note_scan()
             total += 1

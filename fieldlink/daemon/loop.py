@@ -77,6 +77,7 @@ class LoopRunner:
         self.numbers = numbers
         self.epoch = next(_epochs)
         self.dropped = 0
+        self._former_name = ""
         self.last_look: LinkError | None = None
         counter = None if spec.loop.scan is None else spec.tags.get(spec.loop.scan)
         # A simulated plant that runs faster than the clock may fall behind it.
@@ -245,6 +246,7 @@ class LoopRunner:
         """
         if not self.spec.has_samples_of(old.spec):
             return
+        self._former_name = old.take_former_name() or old.name
         self._now = old._now
         self.pipeline = old.pipeline
         self.pipeline.name = self.name
@@ -262,6 +264,11 @@ class LoopRunner:
         if self.spec.has_block_of(old.spec):
             self._compensates = old._compensates
             self.writer.carry_over(old.writer)
+
+    def take_former_name(self) -> str:
+        """Return the name that the site file gave this loop before, once; empty without one."""
+        former, self._former_name = self._former_name, ""
+        return former if former != self.name else ""
 
     def _follow_compensation(self, compensates: bool | None) -> None:
         """Begin a new window when a block comes into force or goes out of it.

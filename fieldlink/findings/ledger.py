@@ -63,6 +63,22 @@ class Ledger:
         self._open = {}
         return rows
 
+    def rename(self, utc_ms: int, names: Mapping[str, str]) -> list[FindingRecord]:
+        """Give loops their new names and return the rows of the findings about them.
+
+        Args:
+            utc_ms: the moment.
+            names: the new name of each former one.
+        """
+        rows = []
+        for found in self.open:
+            renamed = found.renamed(names)
+            if renamed != found:
+                self._open[found.id] = renamed
+                new = [f"{name} is {names[name]} now" for name in found.loops if name in names]
+                rows.append(renamed.record(utc_ms, f"new names in the site file: {', '.join(new)}"))
+        return rows
+
     def advance(self, now: Round) -> list[FindingRecord]:
         """Take a round and return the rows of every finding that changed by it."""
         step = _Step(now, self._open, self._rules)

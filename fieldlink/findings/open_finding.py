@@ -142,6 +142,25 @@ class OpenFinding:
             trial=None if trial is None else Trial(**trial),
         )
 
+    def renamed(self, names: Mapping[str, str]) -> OpenFinding:
+        """Return it with new names of loops, by their former ones."""
+
+        def now(name: str) -> str:
+            return names.get(name, name)
+
+        trial = None if self.trial is None else replace(self.trial, loop=now(self.trial.loop))
+        candidates = tuple(
+            {**one, "loop": None if one["loop"] is None else now(one["loop"])}
+            for one in self.candidates
+        )
+        return replace(
+            self,
+            loop=now(self.loop),
+            loops=tuple(map(now, self.loops)),
+            candidates=candidates,
+            trial=trial,
+        )
+
     def closed(self) -> OpenFinding:
         """Return it closed."""
         return replace(self, state=State.CLOSED)

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fieldlink.daemon.diagnosis.rounds import DiagnosisRounds
+from fieldlink.daemon.estimation.answers import InlineWorker
 from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Findings
 from fieldlink.daemon.loop import LoopRunner
+from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.links import Quality, Reading, Scan, SystemClock
 from fieldlink.site import Site, load_site
+from fieldlink.store import EventRecord, FindingRecord, Historian
 
 WRITEBACK = """
 [loops.LOOP.writeback]
@@ -145,6 +151,39 @@ def test_a_loop_with_a_new_name_keeps_its_window_its_numbers_and_its_orders(
     record = kept.take(scan_of(60), 60.0, None, answers=True)
     assert record is not None
     assert record.loop == "FIC101"
+
+
+def test_what_was_found_of_a_loop_goes_on_under_its_new_name(tmp_path: Path, live: Any) -> None:
+    site = live.site_for(tmp_path, {"plc": 502})
+    names = ("PLC", "FIC101", "FIC101A")
+    runner = runner_of(site)
+    for before, after in pairwise(names):
+        site = reloaded(site, f"[loops.{before}", f"[loops.{after}")
+        older, runner = runner, SiteRunner(site, SystemClock(), lambda _: None).runners["plc"]
+        runner.carry_over(older)
+    rows: list[Any] = []
+    historian = Historian(site.historian_url)
+    historian.start(EventRecord(1, "daemon.start", "daemon", "test"))
+    historian.put(
+        FindingRecord("F1", 10, 5, "confirmed", "sticky_valve", "PLC", ("PLC",), 9.0, 0.8, "", {})
+    )
+    historian.stop()
+    clock = SystemClock()
+    journal = Journal(rows.append, clock)
+    rounds = DiagnosisRounds(
+        lambda: {"plc": runner}, rows.append, journal, clock, site.historian_url
+    )
+
+    async def one_round() -> None:
+        await rounds.resume()
+        for _ in range(2):
+            await rounds.run(lambda: site, InlineWorker())
+
+    asyncio.run(one_round())
+    (finding,) = rounds.report().open
+    assert (finding.id, finding.loop, finding.loops) == ("F1", "FIC101A", ("FIC101A",))
+    told = [row for row in rows if isinstance(row, FindingRecord) and row.finding == "F1"]
+    assert [row.message for row in told] == ["new names in the site file: PLC is FIC101A now"]
 
 
 def test_a_request_carries_its_loops_epoch(tmp_path: Path, live: Any) -> None:

@@ -267,6 +267,21 @@ def test_one_loop_that_still_swings_does_not_keep_its_group(source: str | None) 
     assert [(one.loops, one.state.value) for one in ledger.open] == [(("B",), "confirmed")]
 
 
+def test_a_renamed_loop_keeps_its_finding_and_its_trial() -> None:
+    ledger, row = confirmed(swinging(1, "A", "B", "C"), swinging(2, "A", "B", "C"))
+    mixed = replace(swinging(3, "A", "B", "C"), repairs={"A": Repair(3 * HOUR, "packing")})
+    assert "repaired" in ledger.advance(mixed)[0].message
+    (told,) = ledger.rename(4 * HOUR, {"A": "FIC101", "Z": "Y"})
+    assert (told.finding, told.loop, told.loops) == (row.finding, "FIC101", ("FIC101", "B", "C"))
+    assert told.document is not None
+    assert told.document["candidates"][0]["loop"] == "FIC101"  # type: ignore[index]
+    assert ledger.rename(4 * HOUR, {"Z": "Y"}) == []
+    calm = {name: loop(5, "quiet") for name in ("FIC101", "B", "C")}
+    (closed,) = ledger.advance(at(5, calm, known=frozenset(calm)))
+    assert "since FIC101 was repaired" in closed.message
+    assert "it was the source" in closed.message
+
+
 def test_a_repair_noted_by_a_clock_that_was_ahead_hides_no_loop() -> None:
     repairs = {"A": Repair(10_000 * HOUR, "packing replaced")}
     ledger = Ledger()

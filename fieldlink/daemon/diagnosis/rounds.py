@@ -108,8 +108,14 @@ class DiagnosisRounds:
                 bad=True,
             )
 
-    async def run(self, site: Site, worker: Worker) -> None:
-        """Make one round; returns without one while there is nothing new to look at."""
+    async def run(self, current: Callable[[], Site], worker: Worker) -> None:
+        """Make one round; returns without one while there is nothing new to look at.
+
+        Args:
+            current: gives the site, which may change while the round is under way.
+            worker: diagnoses.
+        """
+        self._follow_names()
         requests = self._requests()
         if not requests or self._ending.is_set():
             return
@@ -122,11 +128,14 @@ class DiagnosisRounds:
         groups = await self._groups(seen.packed, worker)
         if groups is None or self._ending.is_set():
             return
+        site = current()
         table = site.file.findings
+        if not table.enabled:
+            return
         self._ledger.set_rules(confirm_after=table.confirm_after, close_after=table.close_after)
         now = Round(
             utc_ms=round(1000.0 * self._clock.utc()),
-            loops=seen.loops,
+            loops={name: loop for name, loop in seen.loops.items() if name in site.loops},
             known=frozenset(site.loops),
             groups=groups,
             repairs=repairs,
@@ -145,6 +154,18 @@ class DiagnosisRounds:
         """Return the seconds of the clock between two rounds."""
         fastest = max((runner.speed for runner in self._runners().values()), default=1.0)
         return table.every / fastest
+
+    def _follow_names(self) -> None:
+        """Let what is known of loops that the site file has renamed go on under the new names."""
+        loops = [loop for runner in self._runners().values() for loop in runner.loops.values()]
+        renamed = {former: loop.name for loop in loops if (former := loop.take_former_name())}
+        for former, name in renamed.items():
+            if (slot := self._diagnosed_to.pop(former, None)) is not None:
+                self._diagnosed_to[name] = slot
+            if (cause := self._causes.pop(former, None)) is not None:
+                self._causes[name] = cause
+        for row in self._ledger.rename(round(1000.0 * self._clock.utc()), renamed):
+            self._tell(row)
 
     def _requests(self) -> list[DiagnosisRequest]:
         now = self._clock.utc()

@@ -69,11 +69,8 @@ class ScheduledRounds:
         task.set_name(ROUND)
         self._judging.tasks.add(task)
         try:
-            await self._rounds.run(self._site(), self._judging.pool)
+            await self._rounds.run(self._site, self._judging.pool)
         except Exception as error:  # noqa: BLE001  (told; the rest of the daemon goes on)
             self._journal.defect("daemon", error, "this round of diagnoses is left out")
         finally:
             self._judging.tasks.discard(task)
-            if not self._site().file.findings.enabled:
-                # switched off while the round was under way
-                self._rounds.switch_off()
