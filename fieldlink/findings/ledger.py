@@ -223,6 +223,9 @@ class _Step:
         return found
 
     def _see_again(self, found: OpenFinding, proposal: Proposal) -> None:
+        if found.is_group and found.loop and found.loop not in self.loops:
+            # without a new window of the source nothing new is known of it, nor of the group
+            return
         before = found
         found = replace(
             found,

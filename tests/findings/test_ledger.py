@@ -228,6 +228,18 @@ def test_what_shows_in_manual_too_is_not_over_in_manual() -> None:
     assert row.finding in {one.id for one in ledger.open}
 
 
+def test_a_group_keeps_a_source_without_a_new_window() -> None:
+    ledger, _ = confirmed(swinging(1, "A", "B", "C"), swinging(2, "A", "B", "C"))
+    for hour in range(3, 9):
+        now = swinging(hour, "A", "B", "C")
+        if hour % 2:
+            others = {name: seen for name, seen in now.loops.items() if name != "A"}
+            now = at(hour, others, group("B", "C", source=None))
+        assert ledger.advance(now) == []
+    (one,) = ledger.open
+    assert (one.loop, one.loops) == ("A", ("A", "B", "C"))
+
+
 def test_a_member_without_a_new_window_stays_in_its_group() -> None:
     ledger, _ = confirmed(swinging(1, "A", "B", "C"), swinging(2, "A", "B", "C"))
     for hour in range(3, 9):

@@ -85,6 +85,16 @@ async def test_it_is_written_once_and_caught_up_after_a_pause(site: Site) -> Non
     assert [kind for kind, _ in said.events] == ["report.written", "report.written"]
 
 
+async def test_a_clock_that_was_ahead_at_the_start_puts_nothing_off(site: Site) -> None:
+    clock, said = Clock(MONDAY + timedelta(days=4000)), Said()
+    reports = ScheduledReport(said, now=clock, command=write_one)  # type: ignore[arg-type]
+    clock.now = MONDAY - timedelta(hours=1)
+    assert await reports.write_due(site) == []
+    clock.now = MONDAY
+    (first,) = await reports.write_due(site)
+    assert first.name == "report-2026-11-23.csv"
+
+
 async def test_a_failure_is_reported_once_and_tried_again(site: Site) -> None:
     clock, said = Clock(MONDAY), Said()
     reports = ScheduledReport(said, now=clock, command=fail)  # type: ignore[arg-type]

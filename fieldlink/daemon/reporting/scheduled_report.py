@@ -82,7 +82,10 @@ class ScheduledReport:
         settings = site.report
         if settings.folder is None:
             return []
-        due = due_moment(self._now(), settings.weekday, settings.hour)
+        now = self._now()
+        # a clock that was ahead at the start must not put the first report off until then
+        self._since = min(self._since, now)
+        due = due_moment(now, settings.weekday, settings.hour)
         folder = site.data_dir / settings.folder
         written = []
         for kind in settings.formats:
