@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from sqlalchemy import Column, Select, Table, inspect, select
+from sqlalchemy import Column, Select, Table, func, inspect, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
@@ -23,6 +23,7 @@ from fieldlink.store.schema import (
     EVENTS,
     FINDINGS,
     SAMPLES,
+    SLOTS,
     WORK,
     WRITEBACKS,
 )
@@ -112,6 +113,31 @@ class FleetReader:
         behind = select(*columns).where(c.loop == loop, c.verdict == "stiction", same)
         rows = self._rows(behind.order_by(c.id.desc()).limit(1))
         return {**rows[0]._mapping, "accepted_ms": blocks[0].utc_ms} if rows else None
+
+    def last_write(self, loop: str, outcome: str | None = None) -> dict[str, Any] | None:
+        """Return the newest write-back attempt or decision of a loop, of an outcome if given."""
+        c = WRITEBACKS.c
+        query = select(WRITEBACKS).where(c.loop == loop)
+        if outcome is not None:
+            query = query.where(c.outcome == outcome)
+        rows = self._rows(query.order_by(c.utc_ms.desc(), c.id.desc()).limit(1))
+        return dict(rows[0]._mapping) if rows else None
+
+    def slot_counts(self) -> dict[str, dict[str, int]]:
+        """Return by loop how many slots were expected, read, late, missed and bad in all."""
+        c = SLOTS.c
+        names = ("expected", "read", "late", "missed", "bad")
+        sums = [func.sum(c[name]).label(name) for name in names]
+        rows = self._rows(select(c.loop, *sums).group_by(c.loop))
+        return {row.loop: {name: int(row._mapping[name]) for name in names} for row in rows}
+
+    def last_stored(self) -> tuple[int, ...]:
+        """Return the stamps of the rows stored last: event, account, estimate, write-back."""
+        found = []
+        for table in (EVENTS, SLOTS, ESTIMATES, WRITEBACKS):
+            rows = self._rows(select(table.c.utc_ms).order_by(table.c.id.desc()).limit(1))
+            found.extend(int(row.utc_ms) for row in rows)
+        return tuple(found)
 
     def samples(self, loop: str, count: int, *, until: datetime | None = None) -> pd.DataFrame:
         """Return the newest ``count`` samples of a loop, or the newest up to ``until``."""

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -13,15 +15,19 @@ from fieldlink.daemon.diagnosis.counts import FindingsReport
 from fieldlink.daemon.reporting.status import DaemonStatus, DeviceStatus, LoopStatus
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.findings import describe_finding
+from fieldlink.links import LinkState
 from fieldlink.site import Site
 from fieldlink.store import EventRecord, FindingRecord
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from fieldlink.store import FleetReader
 
 __all__ = ["event_document", "finding_document", "live_status", "stored_status", "time_text"]
 
 Document = dict[str, Any]
+
+_DEVICE_EVENTS = tuple(f"device.{state.name.lower()}" for state in LinkState)
+"""Kinds of the events that say how a device answers."""
 
 
 def time_text(utc: float) -> str:
@@ -97,79 +103,71 @@ def _loop(name: str, loop: LoopStatus) -> Document:
 def stored_status(site: Site) -> Document:
     """Return what the store knows of a site without a running daemon.
 
+    Of each table the newest rows only: a month of a large site is millions of estimates.
+
     Raises:
         StoreError: there is no historian to read.
     """
-    from fieldlink.store import (
-        FleetReader,
-        open_findings,
-        read_estimates,
-        read_events,
-        read_slots,
-        read_writebacks,
-    )
+    from fieldlink.store import FleetReader, last_events, open_findings
 
     url = site.historian_url
-    events, slots = read_events(url), read_slots(url)
-    estimates, blocks = read_estimates(url), read_writebacks(url)
-    loops = [_stored_loop(site, name, slots, estimates, blocks) for name in site.loops]
+    said: dict[str, EventRecord] = {}
+    for event in last_events(url, _DEVICE_EVENTS):
+        said[event.source] = event
+    with FleetReader(url) as store:
+        counts = store.slot_counts()
+        loops = [_stored_loop(site, name, counts.get(name, {}), store) for name in site.loops]
+        stamps = store.last_stored()
     devices = []
     for name in dict.fromkeys(loop.device for loop in site.loops.values()):
-        mine = events[(events["source"] == name) & events["kind"].str.startswith("device.")]
-        last = None if mine.empty else mine.iloc[-1]
+        last = said.get(name)
         devices.append(
             {
                 "name": name,
-                "state": "unknown" if last is None else str(last["kind"]).removeprefix("device."),
+                "state": "unknown" if last is None else last.kind.removeprefix("device."),
                 "requests": None,
                 "exceptions": None,
-                "late": _total(slots[slots["loop"].isin(site.loops_of(name))], "late"),
+                "late": sum(counts[one]["late"] for one in site.loops_of(name) if one in counts),
                 "missed": sum(loop["missed"] for loop in loops if loop["device"] == name),
-                "reason": "" if last is None else str(last["message"]),
+                "reason": "" if last is None else last.message,
             }
         )
-    # A daemon that nothing happens to stores judgements and counts, and no events.
-    tables = (events, slots, estimates, blocks)
-    since = max((t["time"].max().timestamp() for t in tables if not t.empty), default=None)
-    with FleetReader(url) as store:
-        for loop in loops:
-            diagnosis = store.diagnosis(loop["name"])
-            loop["cause"] = None if diagnosis is None else diagnosis["cause"]
+    # A daemon that nothing happens to stores judgements and counts, and no events. Stamps of a
+    # clock that was ahead tell nothing.
+    now_ms = 1000.0 * time.time()
+    since = max([one for one in stamps if one <= now_ms] or stamps, default=None)
     return {
         "devices": devices,
         "loops": loops,
         "findings": [finding_document(one) for one in open_findings(url)],
-        "daemon": {"alive": False, "since": None if since is None else time_text(since)},
+        "daemon": {"alive": False, "since": None if since is None else time_text(since / 1000.0)},
     }
 
 
-def _stored_loop(
-    site: Site, name: str, slots: pd.DataFrame, estimates: pd.DataFrame, blocks: pd.DataFrame
-) -> Document:
-    mine = slots[slots["loop"] == name]
-    found = estimates[(estimates["loop"] == name) & estimates["verdict"].notna()]
-    wrote = blocks[blocks["loop"] == name]
-    accepted = wrote[wrote["outcome"] == WritebackOutcome.ACCEPTED.code]
+def _stored_loop(site: Site, name: str, counts: Mapping[str, int], store: FleetReader) -> Document:
+    found = next(iter(store.documents(name)), None)
+    wrote = store.last_write(name)
+    accepted = store.last_write(name, WritebackOutcome.ACCEPTED.code)
+    diagnosis = store.diagnosis(name)
+    bands = ("stick_band", "stick_band_low", "stick_band_high")
     return {
         "name": name,
         "device": site.loops[name].device,
-        "expected": _total(mine, "expected"),
-        "read": _total(mine, "read"),
-        "bad": _total(mine, "bad"),
+        "expected": counts.get("expected", 0),
+        "read": counts.get("read", 0),
+        "bad": counts.get("bad", 0),
         "fault": "",
-        "missed": _total(mine, "missed"),
-        "verdict": None if found.empty else found["verdict"].iloc[-1],
-        **{
-            key: None if found.empty else _number(found[key].iloc[-1])
-            for key in ("stick_band", "stick_band_low", "stick_band_high")
-        },
+        "missed": counts.get("missed", 0),
+        "verdict": None if found is None else found["verdict"],
+        **{key: None if found is None else found[key] for key in bands},
         "block": {
-            "status": None if accepted.empty else accepted["status"].iloc[-1],
-            "seq": None if accepted.empty else int(accepted["seq"].iloc[-1]),
-            "acknowledged": not accepted.empty,
-            "reason": "" if wrote.empty else wrote["reason"].iloc[-1],
+            "status": None if accepted is None else accepted["status"],
+            "seq": None if accepted is None else accepted["seq"],
+            "acknowledged": accepted is not None,
+            "reason": "" if wrote is None else wrote["reason"],
         },
         "waiting": None,
+        "cause": None if diagnosis is None else diagnosis["cause"],
     }
 
 
@@ -197,10 +195,6 @@ def event_document(record: EventRecord) -> Document:
         "source": record.source,
         "message": record.message,
     }
-
-
-def _total(rows: pd.DataFrame, column: str) -> int:
-    return int(rows[column].sum())
 
 
 def _number(value: float) -> float | None:
