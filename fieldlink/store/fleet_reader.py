@@ -133,7 +133,7 @@ class FleetReader:
 
     def last_stored(self) -> tuple[int, ...]:
         """Return the stamps of the rows stored last: event, account, estimate, write-back."""
-        found = []
+        found: list[int] = []
         for table in (EVENTS, SLOTS, ESTIMATES, WRITEBACKS):
             rows = self._rows(select(table.c.utc_ms).order_by(table.c.id.desc()).limit(1))
             found.extend(int(row.utc_ms) for row in rows)
