@@ -20,6 +20,9 @@ from fieldlink.unfinished_file import remove_unfinished
 
 __all__ = ["Backup", "back_up"]
 
+PATIENCE = 30.0
+"""Seconds to wait for another program's lock."""
+
 
 @dataclass(frozen=True, slots=True)
 class Backup:
@@ -57,10 +60,13 @@ def back_up(url: str, target: Path, *, overwrite: bool = False) -> Backup:
             f"{target} cannot be written: {error.strerror}; check the folder and the free space"
         ) from error
     except sqlite3.Error as error:
-        raise StoreError(
-            f"{source} could not be copied to {target}: {error}; check the free space, and with "
-            "sqlite3's integrity_check whether the historian is damaged"
-        ) from error
+        advice = (
+            "another program holds it: close that, or try again"
+            if "locked" in str(error)
+            else "check the free space, and with sqlite3's integrity_check whether the historian "
+            "is damaged"
+        )
+        raise StoreError(f"{source} could not be copied to {target}: {error}; {advice}") from error
     finally:
         remove_unfinished(part)
     return Backup(target, target.stat().st_size, samples)
@@ -71,9 +77,12 @@ def _copy(source: Path, part: Path) -> int:
     alone = "&immutable=1" if is_read_alone(source) else ""
     address = f"{source.absolute().as_uri()}?mode=ro{alone}"
     with (
-        closing(sqlite3.connect(address, uri=True, timeout=30.0)) as original,
+        closing(sqlite3.connect(address, uri=True, timeout=PATIENCE)) as original,
         closing(sqlite3.connect(part)) as copy,
     ):
+        # The copying itself waits for a lock without end; a read that is open by then needs none.
+        original.execute("BEGIN")
+        original.execute("SELECT count(*) FROM sqlite_master").fetchone()
         # All pages in one step: the daemon's writes in between would begin a stepwise copy again.
         original.backup(copy, pages=-1)
         # A copy that stands alone: no journal beside it that could be forgotten.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
 from fieldlink.store.errors import StoreError
 from fieldlink.store.records import EventRecord
 from fieldlink.store.schema import EVENTS
@@ -29,7 +29,9 @@ def last_events(url: str, kinds: Sequence[str]) -> tuple[EventRecord, ...]:
         with engine.connect() as connection:
             rows = [dict(row) for row in connection.execute(query).mappings()]
     except SQLAlchemyError as error:
-        raise StoreError(f"the events in {shown(url)} cannot be read: {cause_of(error)}") from error
+        raise StoreError(
+            f"the events in {shown(url)} cannot be read: {cause_of(error)}; {reading_advice(error)}"
+        ) from error
     finally:
         engine.dispose()
     for row in rows:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import Select, func, inspect, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
 from fieldlink.store.errors import StoreError
 from fieldlink.store.records import FindingRecord
 from fieldlink.store.schema import FINDINGS
@@ -40,7 +40,8 @@ def open_findings(url: str) -> tuple[FindingRecord, ...]:
             rows = [dict(row) for row in connection.execute(query).mappings()]
     except SQLAlchemyError as error:
         raise StoreError(
-            f"the findings in {shown(url)} cannot be read: {cause_of(error)}"
+            f"the findings in {shown(url)} cannot be read: {cause_of(error)}; "
+            f"{reading_advice(error)}"
         ) from error
     finally:
         engine.dispose()

@@ -6,6 +6,7 @@ import json
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -121,6 +122,18 @@ def test_a_backup_replaces_nothing_unasked(url: str, folder: Path) -> None:
     history = folder / "data" / "history.sqlite"
     with pytest.raises(StoreError, match="exists"):
         back_up(url, history, overwrite=True)
+
+
+def test_a_backup_does_not_wait_for_a_lock_without_end(
+    url: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copied = back_up(url, folder / "locked.sqlite").file
+    monkeypatch.setattr("fieldlink.store.backup.PATIENCE", 0.1)
+    with closing(sqlite3.connect(copied, isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(StoreError, match="database is locked; another program holds it"):
+            back_up(f"sqlite:///{copied}", folder / "copy.sqlite")
+    assert not (folder / "copy.sqlite").exists()
 
 
 @pytest.mark.usefixtures("url")
