@@ -128,13 +128,8 @@ class CompensateService:
                 f"loop {name}: device {self.loop.device!r} has no registers; use a Modbus device"
             )
         self._access: RegisterAccess = self._link
-        assert self.loop.writeback.loop_id is not None
-        self._reader = BlockReader(
-            self.loop.writeback.loop_id,
-            word_order=site.devices[self.loop.device].word_order,
-            heartbeat_timeout=self.settings.heartbeat_timeout,
-            age=self._age,
-        )
+        self._word_order = site.devices[self.loop.device].word_order
+        self._reader = self._new_reader()
         self._speed = site.devices[self.loop.device].speed
         self._accepted_commit = 0
         limits = OpLimits(self.settings.low, self.settings.high, self.settings.rate)
@@ -291,7 +286,9 @@ class CompensateService:
             self._unkept = False
 
     async def _put(self, step: Step) -> Step:
-        wanted = self._limits.clip(step.op, step.op_before)
+        low, high = self._limits.low, self._limits.high
+        # The range before the rate, where OP was read a little outside.
+        wanted = min(max(self._limits.clip(step.op, step.op_before), low), high)
         done = Step(step.verdict, step.pv, step.sp, step.op_before, wanted, step.detail)
         if not self.settings.enabled:
             return with_verdict(done, Verdict.NOT_ENABLED)
@@ -342,6 +339,9 @@ class CompensateService:
             (await read(address, 1))[0]
             for address in (layout.enable, layout.heartbeat, layout.ack_seq, layout.active_bank)
         ]
+        if ack_seq == 0 and self._accepted_commit:
+            # What is newer is the PLC's to say: with its memory lost, every number is.
+            self._reader, self._accepted_commit = self._new_reader(), 0
         if ack_seq == 0 or active_bank not in (Bank.A, Bank.B):
             return ExchangeWords(enable, heartbeat, 0, _NO_BLOCK, _NO_BLOCK)
         if enable & 1:
@@ -352,6 +352,15 @@ class CompensateService:
             for bank in (Bank.A, Bank.B)
         ]
         return ExchangeWords(enable, heartbeat, self._accepted_commit, bank_a, bank_b)
+
+    def _new_reader(self) -> BlockReader:
+        assert self.loop.writeback.loop_id is not None
+        return BlockReader(
+            self.loop.writeback.loop_id,
+            word_order=self._word_order,
+            heartbeat_timeout=self.settings.heartbeat_timeout,
+            age=self._age,
+        )
 
     def _age(self, block: ParameterBlock) -> float:
         """Return the plant seconds since a block's window ended: it may be of long ago."""
