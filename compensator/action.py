@@ -117,7 +117,7 @@ class OpLimits:
             )
 
     def holds(self, op: float, beyond: float) -> bool:
-        """Return whether ``op`` is inside the range, or outside by at most a share ``beyond`` of it."""
+        """Return whether ``op`` is inside the range, or beyond it by at most that share of it."""
         margin = beyond * (self.high - self.low)
         return self.low - margin <= op <= self.high + margin
 
