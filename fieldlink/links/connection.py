@@ -43,6 +43,7 @@ from fieldlink.links.wire import (
     WireClosedError,
     WireLostError,
     WireSettingError,
+    WireTakenError,
     WrongReplyError,
 )
 from fieldlink.registers import Table
@@ -182,6 +183,11 @@ class ModbusConnection:
             if isinstance(error, WireSettingError):
                 serial = "baud rate, parity, data bits and stop bits"
                 remedy = f"correct {serial if line.settings.per_byte else 'the host name'}"
+            elif isinstance(error, WireTakenError):
+                remedy = (
+                    "end it; programs that run beside each other need a gateway that speaks Modbus "
+                    "TCP, or the device's network port"
+                )
             elif isinstance(error.__cause__, ssl.SSLCertVerificationError):
                 remedy = (
                     "give the authority that signed it as tls.ca, and the name in it as "
