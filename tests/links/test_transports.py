@@ -272,7 +272,7 @@ async def test_a_port_that_another_program_has_is_no_matter_of_a_cable(
     serial_line: tuple[str, str],
 ) -> None:
     fcntl = pytest.importorskip("fcntl")
-    with Path(serial_line[1]).open("rb", buffering=0) as taken:
+    with Path(serial_line[1]).open("rb", buffering=0) as taken:  # noqa: ASYNC230  (a terminal)
         fcntl.flock(taken, fcntl.LOCK_EX | fcntl.LOCK_NB)
         link = link_to(on_line(serial_line[1]))
         said = str((await link.scan()).failures[0])
