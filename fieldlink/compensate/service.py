@@ -131,7 +131,7 @@ class CompensateService:
         self._word_order = site.devices[self.loop.device].word_order
         self._reader = self._new_reader()
         self._speed = site.devices[self.loop.device].speed
-        self._accepted_commit = 0
+        self._accepted_commit, self._enabled = 0, False
         limits = OpLimits(self.settings.low, self.settings.high, self.settings.rate)
         self._limits = limits
         self.supervisor = Supervisor(
@@ -312,9 +312,7 @@ class CompensateService:
         address = self._layout.ack_refusal
         refusal = None if block.model is None else refusal_of(self.supervisor)
         told = (block.ack_seq, refusal)
-        if address is None or told == self._told or not self.writes:
-            return ""
-        if block.fallback is Fallback.DISABLED:
+        if address is None or told == self._told or not (self.writes and self._enabled):
             return ""
         try:
             await self._access.write_registers(address, [0 if refusal is None else refusal.code])
@@ -339,12 +337,13 @@ class CompensateService:
             (await read(address, 1))[0]
             for address in (layout.enable, layout.heartbeat, layout.ack_seq, layout.active_bank)
         ]
+        self._enabled = bool(enable & 1)
         if ack_seq == 0 and self._accepted_commit:
             # What is newer is the PLC's to say: with its memory lost, every number is.
             self._reader, self._accepted_commit = self._new_reader(), 0
         if ack_seq == 0 or active_bank not in (Bank.A, Bank.B):
             return ExchangeWords(enable, heartbeat, 0, _NO_BLOCK, _NO_BLOCK)
-        if enable & 1:
+        if self._enabled:
             # What is accepted while the operator forbids it is taken up when he allows it again.
             self._accepted_commit = commit_word(Bank(active_bank), ack_seq)
         bank_a, bank_b = [
