@@ -153,7 +153,7 @@ class CompensateService:
         self._followed_at: float | None = None
         self._last_op = self._last_sp = math.nan
         self._told: tuple[int, Refusal | None] = (0, None)
-        self.writes_done = 0
+        self.writes_done = self._failed = 0
 
     @property
     def writes(self) -> bool:
@@ -218,6 +218,11 @@ class CompensateService:
             self._op_watch.wrote(done.op)
         else:
             self._op_watch.wrote_nothing()
+        self._failed = self._failed + 1 if done.verdict is Verdict.WRITE_FAILED else 0
+        if self._failed > self.supervisor.settings.pv_bad_limit:
+            # OP is the PLC's own then, and the model not to be judged by it: offered again.
+            self.supervisor.withdraw(WithdrawReason.OPERATOR)
+            self._model, self._failed = None, 0
         return done
 
     def _heed_an_ignored_op(self, op: float) -> None:

@@ -192,3 +192,30 @@ async def test_nothing_is_written_that_is_not_permitted(
         verdict = step.verdict
     await service.close()
     assert writes > 50  # else nothing was put to the test
+
+
+@pytest.mark.parametrize("seed", in_suite(1, range(6)))
+async def test_a_model_is_not_judged_by_moves_that_the_plc_did_not_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """What OP does while writes fail is the PLC's doing; compensation goes on when they succeed."""
+    plc, site = Plc(seed), make_site(tmp_path)
+    monkeypatch.setattr(service_module, "link_to", lambda *_, **__: plc)
+    service = CompensateService(site, "FC101", write=True, clock=plc, tell=lambda _: None)
+    await service.open()
+    plc.heal()
+
+    async def run(scans: int) -> set[Verdict]:
+        seen = set()
+        for _ in range(scans):
+            plc.cycle()
+            seen.add((await service.step(float(plc.count))).verdict)
+        return seen
+
+    assert Verdict.WRITTEN in await run(150)
+    plc.takes_writes, plc.sp = False, 58.0
+    assert await run(450) == {Verdict.WRITE_FAILED, Verdict.WAITING}
+    assert service.supervisor.memory.given_up == ()
+    plc.takes_writes = True
+    assert Verdict.WRITTEN in await run(150)
+    await service.close()
