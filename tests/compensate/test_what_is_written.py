@@ -195,10 +195,10 @@ async def test_nothing_is_written_that_is_not_permitted(
 
 
 @pytest.mark.parametrize("seed", in_suite(1, range(6)))
-async def test_a_model_is_not_judged_by_moves_that_the_plc_did_not_take(
+async def test_writes_that_fail_let_go_of_the_loop_until_they_succeed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
-    """What OP does while writes fail is the PLC's doing; compensation goes on when they succeed."""
+    """What OP does meanwhile is the PLC's doing, and no model is judged by it."""
     plc, site = Plc(seed), make_site(tmp_path)
     monkeypatch.setattr(service_module, "link_to", lambda *_, **__: plc)
     service = CompensateService(site, "FC101", write=True, clock=plc, tell=lambda _: None)
