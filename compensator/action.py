@@ -116,6 +116,11 @@ class OpLimits:
                 f"the OP rate limit must be positive (math.inf for none); got {self.rate!r}"
             )
 
+    def holds(self, op: float, beyond: float) -> bool:
+        """Return whether ``op`` is inside the range, or beyond it by at most that share of it."""
+        margin = beyond * (self.high - self.low)
+        return self.low - margin <= op <= self.high + margin
+
     def clip(self, op: float, previous: float) -> float:
         """Return ``op`` moved inside the range and the rate seen from ``previous``."""
         inside = min(max(op, self.low), self.high)

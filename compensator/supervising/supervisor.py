@@ -56,6 +56,9 @@ __all__ = ["Supervisor"]
 _PAUSES = 3
 """Pauses that an overtaxed solver is given before it is given up."""
 
+_ROUNDED = 0.01
+"""Share of OP's range by which OP may be read outside of it: registers round, PLCs smooth."""
+
 
 class Supervisor:
     """Base controller with a compensator on call; see the module's text.
@@ -213,6 +216,8 @@ class Supervisor:
             self.state = SupervisorState.WAITING
             frozen = self._screen.frozen
             self.reason = WithdrawReason.PV_FROZEN if frozen else WithdrawReason.PV_BAD
+        if self.compensating and not self.settings.hybrid.limits.holds(op_applied, _ROUNDED):
+            self.state, self.reason = SupervisorState.WAITING, WithdrawReason.OP_OUTSIDE
         self._ramp_frictions()
         if self._take_over(op_applied):
             self._judge.follow(sp)
@@ -336,9 +341,7 @@ class Supervisor:
         known_scans = self.settings.least_known + candidate.prediction.dead_time
         if len(self._record) < known_scans:
             return False
-        limits = self.settings.hybrid.limits
-        reach = 1e-6 * (limits.high - limits.low)
-        if not limits.low - reach <= op <= limits.high + reach:
+        if not self.settings.hybrid.limits.holds(op, 1e-6):
             if not self.compensating:
                 self.reason = WithdrawReason.OP_OUTSIDE
             return False

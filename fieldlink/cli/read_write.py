@@ -42,8 +42,8 @@ def read(
     Values that can be read are printed even if others cannot; the exit status is then 2.
     """
     from fieldlink.cli.errors import explain
-    from fieldlink.links import LinkError
-    from fieldlink.links.single_values import read_points
+    from fieldlink.links import LinkError, Quality
+    from fieldlink.links.single_values import scan_points
 
     points = [_point(target, _meant(text), connect) for text in what or _all_tags(target, connect)]
     shown: dict[str, object] = {}
@@ -53,11 +53,14 @@ def read(
     for name in dict.fromkeys(point.name for point in points):
         mine = [point for point in points if point.name == name]
         try:
-            readings = asyncio.run(read_points(mine))
+            scan = asyncio.run(scan_points(mine))
         except LinkError as error:
             failed.append(error)
             continue
-        for point, reading in zip(mine, readings, strict=True):
+        if any(scan[point.tag.name].quality is Quality.NOT_READ for point in mine):
+            failed += scan.failures
+        for point in mine:
+            reading = scan[point.tag.name]
             shown[point.tag.name] = _as_dict(point, reading)
             if not reading.was_read:
                 missing.append(point)
@@ -79,7 +82,8 @@ def read(
         explain(problem)
     if missing:
         names = ", ".join(point.tag.name for point in missing)
-        _warn(f"{names} could not be read; compare address, table and type with the manual")
+        advice = "" if failed else "; compare address, table and type with the manual"
+        _warn(f"{names} could not be read{advice}")
     if failed or missing:
         raise typer.Exit(2)
 

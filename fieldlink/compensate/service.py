@@ -128,15 +128,10 @@ class CompensateService:
                 f"loop {name}: device {self.loop.device!r} has no registers; use a Modbus device"
             )
         self._access: RegisterAccess = self._link
-        assert self.loop.writeback.loop_id is not None
-        self._reader = BlockReader(
-            self.loop.writeback.loop_id,
-            word_order=site.devices[self.loop.device].word_order,
-            heartbeat_timeout=self.settings.heartbeat_timeout,
-            age=self._age,
-        )
+        self._word_order = site.devices[self.loop.device].word_order
+        self._reader = self._new_reader()
         self._speed = site.devices[self.loop.device].speed
-        self._accepted_commit = 0
+        self._accepted_commit, self._enabled = 0, False
         limits = OpLimits(self.settings.low, self.settings.high, self.settings.rate)
         self._limits = limits
         self.supervisor = Supervisor(
@@ -158,7 +153,7 @@ class CompensateService:
         self._followed_at: float | None = None
         self._last_op = self._last_sp = math.nan
         self._told: tuple[int, Refusal | None] = (0, None)
-        self.writes_done = 0
+        self.writes_done = self._failed = 0
 
     @property
     def writes(self) -> bool:
@@ -223,6 +218,11 @@ class CompensateService:
             self._op_watch.wrote(done.op)
         else:
             self._op_watch.wrote_nothing()
+        self._failed = self._failed + 1 if done.verdict is Verdict.WRITE_FAILED else 0
+        if self._failed > self.supervisor.settings.pv_bad_limit:
+            # OP is the PLC's own then, and the model not to be judged by it: offered again.
+            self.supervisor.withdraw(WithdrawReason.OPERATOR)
+            self._model, self._failed = None, 0
         return done
 
     def _heed_an_ignored_op(self, op: float) -> None:
@@ -291,7 +291,9 @@ class CompensateService:
             self._unkept = False
 
     async def _put(self, step: Step) -> Step:
-        wanted = self._limits.clip(step.op, step.op_before)
+        low, high = self._limits.low, self._limits.high
+        # The range before the rate, where OP was read a little outside.
+        wanted = min(max(self._limits.clip(step.op, step.op_before), low), high)
         done = Step(step.verdict, step.pv, step.sp, step.op_before, wanted, step.detail)
         if not self.settings.enabled:
             return with_verdict(done, Verdict.NOT_ENABLED)
@@ -315,9 +317,7 @@ class CompensateService:
         address = self._layout.ack_refusal
         refusal = None if block.model is None else refusal_of(self.supervisor)
         told = (block.ack_seq, refusal)
-        if address is None or told == self._told or not self.writes:
-            return ""
-        if block.fallback is Fallback.DISABLED:
+        if address is None or told == self._told or not (self.writes and self._enabled):
             return ""
         try:
             await self._access.write_registers(address, [0 if refusal is None else refusal.code])
@@ -342,9 +342,13 @@ class CompensateService:
             (await read(address, 1))[0]
             for address in (layout.enable, layout.heartbeat, layout.ack_seq, layout.active_bank)
         ]
+        self._enabled = bool(enable & 1)
+        if ack_seq == 0 and self._accepted_commit:
+            # What is newer is the PLC's to say: with its memory lost, every number is.
+            self._reader, self._accepted_commit = self._new_reader(), 0
         if ack_seq == 0 or active_bank not in (Bank.A, Bank.B):
             return ExchangeWords(enable, heartbeat, 0, _NO_BLOCK, _NO_BLOCK)
-        if enable & 1:
+        if self._enabled:
             # What is accepted while the operator forbids it is taken up when he allows it again.
             self._accepted_commit = commit_word(Bank(active_bank), ack_seq)
         bank_a, bank_b = [
@@ -352,6 +356,15 @@ class CompensateService:
             for bank in (Bank.A, Bank.B)
         ]
         return ExchangeWords(enable, heartbeat, self._accepted_commit, bank_a, bank_b)
+
+    def _new_reader(self) -> BlockReader:
+        assert self.loop.writeback.loop_id is not None
+        return BlockReader(
+            self.loop.writeback.loop_id,
+            word_order=self._word_order,
+            heartbeat_timeout=self.settings.heartbeat_timeout,
+            age=self._age,
+        )
 
     def _age(self, block: ParameterBlock) -> float:
         """Return the plant seconds since a block's window ended: it may be of long ago."""

@@ -43,6 +43,7 @@ from fieldlink.links.wire import (
     WireClosedError,
     WireLostError,
     WireSettingError,
+    WireTakenError,
     WrongReplyError,
 )
 from fieldlink.registers import Table
@@ -180,7 +181,13 @@ class ModbusConnection:
         except WireLostError as error:
             remedy = "check that the device is on, its address, and the cable or network between"
             if isinstance(error, WireSettingError):
-                remedy = "correct the host name, or baud rate, parity, data bits and stop bits"
+                serial = "baud rate, parity, data bits and stop bits"
+                remedy = f"correct {serial if line.settings.per_byte else 'the host name'}"
+            elif isinstance(error, WireTakenError):
+                remedy = (
+                    "end it; programs that run beside each other need a gateway that speaks Modbus "
+                    "TCP, or the device's network port"
+                )
             elif isinstance(error.__cause__, ssl.SSLCertVerificationError):
                 remedy = (
                     "give the authority that signed it as tls.ca, and the name in it as "
@@ -197,9 +204,10 @@ class ModbusConnection:
     ) -> bytes:
         self.requests += 1
         late = self._late
+        patience = self._timeout + line.settings.per_byte * request.bytes_on_line
         try:
             pdu = await wire.exchange(
-                self._unit, request, self._timeout, late.recognise if late else None
+                self._unit, request, patience, late.recognise if late else None
             )
         except WireLostError as error:
             line.closed(wire)
@@ -216,7 +224,7 @@ class ModbusConnection:
         except TimeoutError as error:
             line.unanswered()
             self._owe(request)
-            what = f"{self._where} did not answer within {self._timeout:g} s while {request.text}"
+            what = f"{self._where} did not answer within {patience:.3g} s while {request.text}"
             remedy = "check the unit id, or raise the device's timeout"
             if wire.heard_noise and self._settings.numbered:
                 what += "; only a part of a reply came"

@@ -74,6 +74,11 @@ class Request:
         return self.pdu[0]
 
     @property
+    def bytes_on_line(self) -> int:
+        """Bytes of the request and its regular reply as RTU frames: unit and CRC are three each."""
+        return len(self.pdu) + self.size + 6
+
+    @property
     def is_read(self) -> bool:
         """Whether the request changes nothing, so that it may be sent again."""
         return self.function in _READS

@@ -35,6 +35,7 @@ class LineSettings:
         timeout: seconds for opening.
         pause_after_connect: seconds between opening and the first request.
         gap: least seconds from the end of a reply to the next request.
+        per_byte: seconds that each byte is on a serial line; a device's time-out comes on top.
     """
 
     make_wire: MakeWire
@@ -44,6 +45,7 @@ class LineSettings:
     timeout: float = 0.5
     pause_after_connect: float = 0.0
     gap: float = 0.0
+    per_byte: float = 0.0
 
 
 class Line:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from fieldlink.errors import FieldlinkError
-from fieldlink.links.base import Link, Reading
+from fieldlink.links.base import Link, Reading, Scan
 from fieldlink.links.clock import SystemClock
 from fieldlink.links.errors import (
     AccessRefusedError,
@@ -33,6 +33,7 @@ __all__ = [
     "is_held",
     "parse_point",
     "read_points",
+    "scan_points",
     "words_for",
     "write_point",
 ]
@@ -156,16 +157,24 @@ async def read_points(points: Sequence[Point]) -> list[Reading]:
     Raises:
         LinkError: the device gave none of them.
     """
-    first = points[0]
-    link = _reader(first, [point.tag for point in points])
+    scan = await scan_points(points)
+    return [scan[point.tag.name] for point in points]
+
+
+async def scan_points(points: Sequence[Point]) -> Scan:
+    """Read points of one device once, as `read_points` does; with the errors behind bad readings.
+
+    Raises:
+        LinkError: the device gave none of them.
+    """
+    link = _reader(points[0], [point.tag for point in points])
     try:
         scan = await link.scan()
     finally:
         await link.close()
-    readings = [scan[point.tag.name] for point in points]
-    if scan.failures and not any(reading.was_read for reading in readings):
+    if scan.failures and not any(scan[point.tag.name].was_read for point in points):
         raise scan.failures[0]
-    return readings
+    return scan
 
 
 def words_for(point: Point, text: str) -> list[int]:

@@ -13,6 +13,7 @@ from fieldlink.links.frames import Framing, MbapFraming, RtuFraming
 from fieldlink.links.line import LineSettings
 from fieldlink.links.wire import Wire
 from fieldlink.site import Device, Tls
+from fieldlink.site.check_warnings import BITS_PER_BYTE
 from fieldlink.tls_words import tls_words
 
 __all__ = ["TlsFilesError", "client_tls", "line_settings"]
@@ -53,9 +54,10 @@ def line_settings(
     seconds = device.timeout if timeout is None else timeout
     quirks = device.quirks
     framing: Framing = RtuFraming() if device.is_rtu else MbapFraming()
-    gap = quirks.pause_between_requests
+    gap, per_byte = quirks.pause_between_requests, 0.0
     if device.link == "modbus-rtu":
-        gap = max(gap, SHORTEST_RTU_GAP, 3.5 * 11 / device.baud)
+        per_byte = BITS_PER_BYTE / device.baud
+        gap = max(gap, SHORTEST_RTU_GAP, 3.5 * per_byte)
         params = CommParams(
             comm_type=CommType.SERIAL,
             comm_name=name,
@@ -84,6 +86,7 @@ def line_settings(
         timeout=seconds,
         pause_after_connect=quirks.pause_after_connect,
         gap=gap,
+        per_byte=per_byte,
     )
 
 

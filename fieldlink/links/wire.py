@@ -31,7 +31,14 @@ try:
 except ImportError:  # pragma: no cover  (a system without terminals has no such errors)
     TerminalError = OSError  # type: ignore[misc,assignment]
 
-__all__ = ["Wire", "WireClosedError", "WireLostError", "WireSettingError", "WrongReplyError"]
+__all__ = [
+    "Wire",
+    "WireClosedError",
+    "WireLostError",
+    "WireSettingError",
+    "WireTakenError",
+    "WrongReplyError",
+]
 
 _TRANSACTIONS = cycle(range(1, 0x10000))
 """Ids go on from one connection to the next: gateways are known to deliver the late reply to a
@@ -43,6 +50,10 @@ Late = Callable[[bytes], bool]
 
 class WireLostError(Exception):
     """The transport cannot be opened or is gone; the text says why."""
+
+
+class WireTakenError(WireLostError):
+    """Another program has the serial port."""
 
 
 class WireSettingError(WireLostError):
@@ -122,7 +133,8 @@ class Wire(ModbusProtocol):
             # A serial port may be open by now, in a frame of the error: locked for who comes next.
             traceback.clear_frames(error.__traceback__)
             if isinstance(error, OSError):
-                raise WireLostError(_reason(error)) from error
+                taken = "exclusively lock" in str(error)
+                raise (WireTakenError if taken else WireLostError)(_reason(error)) from error
             # ValueError: a host name or a serial setting that the system does not take.
             # A terminal error: a setting that the serial port itself refuses, such as a parity.
             raise WireSettingError(_reason(error)) from error

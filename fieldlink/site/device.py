@@ -112,7 +112,7 @@ class Device(Model):
     register_map: Path | None = None
     """CSV file with the tags, relative to the site file; needed unless link = "recording"."""
     timeout: Seconds = 0.5
-    """Seconds to wait for an answer."""
+    """Seconds to wait for an answer, besides what its bytes take on a serial line."""
     retry_after_max: Seconds = 5.0
     """Longest pause in seconds between two attempts to reach a device that does not answer."""
     max_gap: int = Field(default=8, ge=0, le=124)

@@ -133,11 +133,11 @@ class Plc:
 
 
 @asynccontextmanager
-async def served(site: Site) -> AsyncIterator[Plc]:
+async def served(site: Site, port: int = 0) -> AsyncIterator[Plc]:
     stop = asyncio.Event()
     ready: asyncio.Future[PlcServer] = asyncio.get_running_loop().create_future()
     task = asyncio.create_task(
-        serve(site, port=0, ready=lambda servers: ready.set_result(servers[0]), stop=stop)
+        serve(site, port=port, ready=lambda servers: ready.set_result(servers[0]), stop=stop)
     )
     await asyncio.wait({task, ready}, return_when=asyncio.FIRST_COMPLETED)
     if task.done():
@@ -239,6 +239,26 @@ async def test_a_block_that_the_plc_has_refused_is_not_used(tmp_path: Path) -> N
         assert {step.verdict for step in done} == {Verdict.NO_MODEL}
         assert service.writes_done == 0
         await service.close()
+
+
+async def test_a_plc_that_forgot_its_blocks_says_again_what_is_newer(tmp_path: Path) -> None:
+    """After a restart without RETAIN the PLC accepts any number, and so does the compensator."""
+    site = make_site(tmp_path)
+    async with served(site) as plc:
+        port = plc.port
+        service = service_for(site, plc, write=False)
+        plc.enable(True)
+        plc.send_block(seq=7)
+        before = await steps(service, plc, 0, 8)
+    async with served(site, port) as plc:
+        empty = await steps(service, plc, 8, 20)
+        plc.enable(True)
+        plc.send_block(seq=1)
+        after = await steps(service, plc, 28, 8)
+        await service.close()
+    assert before[-1].verdict is Verdict.WAITING
+    assert empty[-1].verdict is Verdict.NO_MODEL
+    assert after[-1].verdict is Verdict.WAITING
 
 
 @pytest.mark.parametrize("age", [86_400.0, 50_000.0])

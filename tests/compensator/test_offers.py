@@ -143,6 +143,28 @@ def test_op_outside_the_compensators_limits_waits_with_a_reason(low: float) -> N
     assert supervisor.reason is (WithdrawReason.NONE if inside else WithdrawReason.OP_OUTSIDE)
 
 
+def test_an_op_that_another_moves_out_of_the_limits_is_not_followed() -> None:
+    """What may not be written is not approached from outside either, and no model is blamed."""
+    plant = Plant(EXAMPLE_1.process, EXAMPLE_1.valve, 50.0, 48.0)
+    settings = SupervisorSettings(HybridSettings(OpLimits(20.0, 80.0, 3.0)))
+    supervisor, op = Supervisor(UnawareMpc(EXAMPLE_1.process), settings), 50.0
+    noise = np.random.default_rng(3).normal(0.0, 0.01, 900)
+    for k in range(900):
+        if k == 400:
+            assert supervisor.offer(EXAMPLE_1)
+        if k == 600:
+            assert supervisor.compensating
+        if 600 <= k < 610:
+            op = 95.0
+        op = supervisor.step(plant.pv, REST + 2.5, op).op
+        if 600 <= k < 610:
+            assert not supervisor.compensating
+            assert supervisor.reason is WithdrawReason.OP_OUTSIDE
+        plant.step(op, float(noise[k]))
+    assert supervisor.compensating
+    assert not supervisor.memory.given_up
+
+
 @pytest.mark.parametrize("seed", in_suite(1, range(4)))
 @pytest.mark.parametrize("name", ["lag", "two lags", "underdamped", "tank"])
 def test_a_load_of_three_stick_bands_costs_no_right_model(name: str, seed: int) -> None:

@@ -225,6 +225,7 @@ async def test_a_serial_setting_that_the_port_refuses_is_a_failure_of_that_devic
     assert link.state is LinkState.DEMOTED
     said = str(scan.failures[0])
     assert "the serial port refuses its settings (Invalid argument)" in said
+    assert "; correct baud rate, parity, data bits and stop bits" in said
     assert "parity" in said
     assert "cable" not in said
     await link.close()

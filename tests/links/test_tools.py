@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import socketserver
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,7 @@ from fieldlink.lab.plc.modbus_device import modbus_device, other_units
 from fieldlink.links.single_values import as_manual_address
 from fieldlink.registers import DataType, Table, Tag
 from fieldlink.site.register_map import read_register_map
+from tests.links.fake_device import FakeDevice
 from tests.links.serving import served_in_a_thread
 
 SITE = """\
@@ -473,3 +476,23 @@ def span(tag: Tag) -> range:
 
 def unwrapped(result: Result) -> str:
     return " ".join(re.sub("[│╭╮╰╯─]", " ", result.stderr).split())
+
+
+async def test_a_value_that_a_failed_request_costs_is_named_with_its_cause(
+    device: FakeDevice,
+) -> None:
+    """Not with a doubt about the address: the next try may well read it."""
+    answered = count()
+
+    def busy_for_the_second(frame: bytes) -> bytes:
+        if next(answered) != 1:
+            return frame
+        return frame[:4] + bytes((0, 3, frame[6], frame[7] | 0x80, 6))
+
+    device.tamper = busy_for_the_second
+    target = f"127.0.0.1:{device.port}"
+    result = await asyncio.to_thread(run, "read", target, "10", "300", "--timeout", "5")
+    assert result.exit_code == 2
+    assert "exception 6" in result.stderr
+    assert "300 could not be read" in result.stderr
+    assert "compare address" not in result.stderr

@@ -268,6 +268,19 @@ async def test_a_port_that_is_not_there_is_named(tmp_path: Path) -> None:
     assert "ttyUSB9" in str(failure)
 
 
+async def test_a_port_that_another_program_has_is_no_matter_of_a_cable(
+    serial_line: tuple[str, str],
+) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    with Path(serial_line[1]).open("rb", buffering=0) as taken:  # noqa: ASYNC230  (a terminal)
+        fcntl.flock(taken, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        link = link_to(on_line(serial_line[1]))
+        said = str((await link.scan()).failures[0])
+        await link.close()
+    assert "another program uses the port; end it; programs that run beside each other" in said
+    assert "cable" not in said
+
+
 async def test_units_of_one_serial_line_take_turns(serial_line: tuple[str, str]) -> None:
     plant, here = serial_line
     async with served(Listening(link="modbus-rtu", serial_port=plant), units=(1, 2, 3)):

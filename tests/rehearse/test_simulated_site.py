@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldlink.lab.plc import PlcError
 from fieldlink.lab.rehearse import (
     Rehearsal,
     ScenarioError,
@@ -157,7 +156,7 @@ def test_a_plant_that_is_not_there_is_named(make_scenario: MakeScenario) -> None
     file = make_scenario()
     plant = file.scenario.plant.model_copy(update={"fmu": "exampel1"})
     scenario = file.scenario.model_copy(update={"plant": plant})
-    with pytest.raises(PlcError, match="did you mean 'example1'"):
+    with pytest.raises(ScenarioError, match="did you mean 'example1'"):
         rehearse(ScenarioFile(file.name, file.path, scenario))
 
 

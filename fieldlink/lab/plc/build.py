@@ -262,7 +262,7 @@ class LoopSetup:
         known = {"output": info.outputs, "input": info.inputs}
         return {
             role: f"{self.model} has no {kind} {name!r} for {role}, it has "
-            f"{', '.join(known[kind]) or 'none'}; name it in [loops.{self.name}.plant.variables]"
+            f"{', '.join(known[kind]) or 'none'}; name it in its plant.variables"
             for role, (name, kind) in wanted.items()
             if name not in known[kind]
         }

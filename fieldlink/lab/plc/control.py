@@ -67,9 +67,7 @@ class _PlantLoop:
     def _require_plant(self) -> None:
         error = self.plant.failure
         if error is not None:
-            raise LoopFailedError(
-                f"loop {self._name}: {error}; the loop stands still, restart the PLC to go on"
-            ) from error
+            raise LoopFailedError(f"loop {self._name}: {error}") from error
 
 
 class ControlledLoop(_PlantLoop):

@@ -163,7 +163,11 @@ class PlcServer:
             plc.scan()
             for loop in plc.failures.keys() - known:
                 known.add(loop)
-                _log.error("loop stands still", device=plc.device, why=plc.failures[loop])
+                _log.error(
+                    "loop stands still",
+                    device=plc.device,
+                    why=f"{plc.failures[loop]}; restart the PLC to go on",
+                )
             if plc.pace == "plant":
                 continue
             deadline += interval

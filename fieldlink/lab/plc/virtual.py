@@ -51,7 +51,7 @@ class VirtualPlc:
             heartbeat is ever dead.
         isolated: run each FMU in a process of its own; a crash then ends one loop alone.
         patience: seconds of the wall clock that a scan waits for its plants together. A plant that
-            takes longer goes on by itself and its loops stand still meanwhile; after 10 seconds it
+            takes longer goes on by itself and its loops stand still meanwhile; after 60 seconds it
             is given up. Without a limit a run is the same on every machine.
         programs: builds the program of a loop of the site; by default what the site file says.
         operator_switch: whether clients may write ``enable``, as an operator's panel does.

@@ -6,9 +6,15 @@ judged.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from compensator import WithdrawReason
+from fieldlink.lab.rehearse.event_names import EVENT_NAMES
+from fieldlink.site.errors import nearest
 
 __all__ = [
     "BlocksExpected",
@@ -28,10 +34,44 @@ Count = Annotated[int, Field(ge=0)]
 END = 1e12
 
 
+def _one_of(known: Iterable[str]) -> AfterValidator:
+    """Refuse a name that no run could give: an expectation of it says nothing."""
+    names = tuple(known)
+
+    def check(name: str) -> str:
+        if name not in names:
+            raise ValueError(f"{name!r} is unknown; {nearest(name, names)}")
+        return name
+
+    return AfterValidator(check)
+
+
+_Event = Annotated[str, _one_of(EVENT_NAMES)]
+_Reason = Annotated[str, _one_of(reason.name.lower() for reason in WithdrawReason)]
+
+
 class _Expected(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
     )
+
+
+class _Counted(_Expected):
+    at_least: Count = 0
+    """Fewest."""
+    at_most: Count | None = None
+    """Most."""
+
+    @model_validator(mode="after")
+    def _asks(self) -> Self:
+        if not self.at_least and self.at_most is None:
+            raise ValueError("any number would do; give at_least or at_most")
+        if self.at_most is not None and self.at_least > self.at_most:
+            raise ValueError(
+                f"at_least = {self.at_least} is above at_most = {self.at_most}; exchange or "
+                "correct them"
+            )
+        return self
 
 
 class _OfWindows(_Expected):
@@ -104,7 +144,7 @@ class FallBackExpected(_Expected):
     """Not before this plant second."""
     by: Moment
     """At this plant second at the latest."""
-    reason: tuple[str, ...] = ()
+    reason: tuple[_Reason, ...] = ()
     """Names of the reasons that count (worse, growing, hunting, expired, ...); any unless given."""
 
 
@@ -126,6 +166,8 @@ class PvExpected(_Expected):
     def _complete(self) -> Self:
         if self.at_most is None and self.at_least is None:
             raise ValueError("nothing is asked of the ratio; give at_most or at_least")
+        if (self.at_least or 0.0) > (self.at_most or math.inf):
+            raise ValueError("at_least is above at_most; exchange or correct them")
         for name in ("first", "then"):
             begin, end = getattr(self, name)
             if not 0 <= begin < end:
@@ -135,7 +177,7 @@ class PvExpected(_Expected):
         return self
 
 
-class BlocksExpected(_Expected):
+class BlocksExpected(_Counted):
     """kind = "blocks": parameter blocks that the PLC accepted."""
 
     kind: Literal["blocks"]
@@ -144,23 +186,15 @@ class BlocksExpected(_Expected):
     """Only those of this status."""
     after: Moment = 0.0
     """From this plant second on."""
-    at_least: Count = 0
-    """Fewest."""
-    at_most: Count | None = None
-    """Most."""
 
 
-class SamplesExpected(_Expected):
+class SamplesExpected(_Counted):
     """kind = "samples": counts of the samples."""
 
     kind: Literal["samples"]
     """The kind."""
     of: Literal["read", "bad", "missed", "duplicates", "restarts"]
     """Which count."""
-    at_least: Count = 0
-    """Fewest."""
-    at_most: Count | None = None
-    """Most."""
 
 
 class EventExpected(_Expected):
@@ -168,7 +202,7 @@ class EventExpected(_Expected):
 
     kind: Literal["event"]
     """The kind."""
-    event: str = Field(min_length=1)
+    event: _Event
     """The event's name."""
     after: Moment = 0.0
     """From this plant second on."""

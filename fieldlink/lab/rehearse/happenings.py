@@ -21,6 +21,7 @@ __all__ = [
     "Seconds",
     "SensorFault",
     "Sinusoid",
+    "Sizes",
 ]
 
 
@@ -43,10 +44,18 @@ def _ordered(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, floa
     return points
 
 
+def _none_below_zero(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    for time, value in points:
+        if value < 0.0:
+            raise ValueError(f"{value:g} at {time:g} s is below 0; give 0 or more")
+    return points
+
+
 Seconds = Annotated[float, Field(gt=0)]
 Moment = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(gt=0, le=1)]
 Points = Annotated[tuple[tuple[float, float], ...], Field(min_length=1), AfterValidator(_ordered)]
+Sizes = Annotated[Points, AfterValidator(_none_below_zero)]
 
 
 class _Spell(ScenarioModel):
@@ -134,7 +143,16 @@ class Repair(ScenarioModel):
     stick_band: float = Field(default=0.0, ge=0)
     """S afterwards."""
     slip_jump: float = Field(default=0.0, ge=0)
-    """J afterwards."""
+    """J afterwards; not above S."""
+
+    @model_validator(mode="after")
+    def _slips(self) -> Self:
+        if self.slip_jump > self.stick_band:
+            raise ValueError(
+                f"slip_jump = {self.slip_jump:g} is above stick_band = {self.stick_band:g}; J is a "
+                "part of S"
+            )
+        return self
 
 
 class Manual(_Spell):

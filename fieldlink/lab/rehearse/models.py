@@ -11,7 +11,12 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from fieldlink.lab.rehearse.expected import Expectation
+from fieldlink.lab.rehearse.expected import (
+    Expectation,
+    FallBackExpected,
+    PvExpected,
+    TakeOverExpected,
+)
 from fieldlink.lab.rehearse.happenings import (
     Load,
     Maintenance,
@@ -21,6 +26,7 @@ from fieldlink.lab.rehearse.happenings import (
     ScenarioModel,
     Seconds,
     SensorFault,
+    Sizes,
 )
 from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.site.models import Span
@@ -47,7 +53,7 @@ class Summary(ScenarioModel):
     duration: Seconds
     """Plant seconds that are run."""
     seed: int = Field(default=1, ge=0, le=0x7FFFFFFF)
-    """Seed of the plant's noise and of everything else that is random."""
+    """Seed of the scenario's own noise and faults, and of a catalogue plant's noise."""
     defects: tuple[Defect, ...] = ()
     """Defects (see --inject) of which each must make the scenario fail."""
 
@@ -111,9 +117,9 @@ class ControllerSettings(ScenarioModel):
 class ValveWear(ScenarioModel):
     """``[valve]``: stick band and slip jump over time, as points (plant second, value)."""
 
-    stick_band: Points
+    stick_band: Sizes
     """S in units of OP."""
-    slip_jump: Points = ((0.0, 0.0),)
+    slip_jump: Sizes = ((0.0, 0.0),)
     """J in units of OP; cut off at S."""
     in_front: bool = False
     """Whether the FMU has no valve of its own: He's valve stands between OP and its input then."""
@@ -184,4 +190,34 @@ class Scenario(ScenarioModel):
                 f"one window takes {window:g} s and scenario.duration is "
                 f"{self.scenario.duration:g} s; run longer or take a shorter daemon.window"
             )
+        if not self.controller.compensate:
+            for expected in self.expect:
+                if isinstance(expected, TakeOverExpected | FallBackExpected):
+                    raise ValueError(
+                        f'kind = "{expected.kind}" expects something of a compensator that is not '
+                        "there; set controller.compensate = true"
+                    )
+        self._require_in_time()
         return self
+
+    def _require_in_time(self) -> None:
+        """What begins after the run would never happen, and be expected without any risk."""
+        begins = [
+            (f"{name}.{number}", begin)
+            for name in ("sensor", "network", "maintenance", "misestimate", "expect")
+            for number, item in enumerate(getattr(self, name))
+            for begin in (getattr(item, key, None) for key in ("begin", "at", "after"))
+            if begin is not None
+        ]
+        begins += [(f"load.sinusoids.{n}", s.begin) for n, s in enumerate(self.load.sinusoids)]
+        begins += [
+            (f"expect.{number}", max(item.first[0], item.then[0]))
+            for number, item in enumerate(self.expect)
+            if isinstance(item, PvExpected)
+        ]
+        for where, begin in begins:
+            if begin >= self.scenario.duration:
+                raise ValueError(
+                    f"{where} begins at {begin:g} s and scenario.duration is "
+                    f"{self.scenario.duration:g} s; run longer or begin earlier"
+                )

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fieldlink.daemon import DaemonStatus, LockstepRun
+from fieldlink.lab.plc import PlcError
+from fieldlink.lab.rehearse.errors import ScenarioError
 from fieldlink.lab.rehearse.estimating import RehearsalEstimator
 from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.lab.rehearse.injection import inject_into_scene
@@ -87,8 +89,18 @@ def rehearse(
         progress: called with the share of the run that is done.
 
     Raises:
-        SiteError, PlcError, ScenarioError: the scenario cannot be run as it is.
+        SiteError, ScenarioError: the scenario cannot be run as it is.
     """
+    try:
+        return _rehearse(file, inject, progress)
+    except (PlcError, ScenarioError) as error:
+        said = str(error).replace(f"loop {LOOP}: ", "")
+        raise ScenarioError(f"{file.path}: {said}") from error
+
+
+def _rehearse(
+    file: ScenarioFile, inject: Defect | None, progress: Callable[[float], None] | None
+) -> Rehearsal:
     begun = time.monotonic()
     scenario = file.scenario
     if inject is not None:

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
 from fieldlink.lab.rehearse.models import Scenario
-from fieldlink.site import Site, load_site
+from fieldlink.site import Site, SiteError, load_site
 
 __all__ = ["DEVICE", "LOOP", "write_site"]
 
@@ -32,7 +33,12 @@ def write_site(scenario: Scenario, file: Path, folder: Path) -> Site:
     registers = (files("fieldlink.lab.rehearse") / "templates" / "registers.csv").read_text("utf-8")
     (folder / "registers.csv").write_text(registers, "utf-8")
     (folder / "site.toml").write_text(_site(scenario, file), "utf-8")
-    return load_site(folder / "site.toml")
+    try:
+        return load_site(folder / "site.toml")
+    except SiteError as error:
+        # The file that the user has, not one that is gone by then.
+        problems = [replace(problem, file=str(file), line=None) for problem in error.problems]
+        raise SiteError(problems) from error
 
 
 def _site(scenario: Scenario, file: Path) -> str:
