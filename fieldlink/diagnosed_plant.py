@@ -70,8 +70,10 @@ Answered = tuple[str, str, Answer]
 """Name of the file, name of the loop in it (empty for the only one), and its answer."""
 
 
-def diagnose_recording(recording: Recording, *, advice: bool = True) -> Diagnosis:
-    """Diagnose one recorded loop."""
+def diagnose_recording(
+    recording: Recording, *, advice: bool = True, op_span: float | None = None
+) -> Diagnosis:
+    """Diagnose one recorded loop; ``op_span``: OP's span in its own units, None if not known."""
     has_pv = bool(np.isfinite(recording.pv).any())
     return diagnose(
         recording.op,
@@ -80,12 +82,16 @@ def diagnose_recording(recording: Recording, *, advice: bool = True) -> Diagnosi
         auto=recording.auto,
         period=recording.period,
         advice=advice,
+        op_span=op_span,
     )
 
 
-def answer_of(recording: Recording) -> Answer:
-    """Diagnose one of many loops; the signals are thinned to what finding groups needs."""
-    return diagnose_recording(recording), _thinned(recording), recording.notes
+def answer_of(recording: Recording, *, op_span: float | None = None) -> Answer:
+    """Diagnose one of many loops; the signals are thinned to what finding groups needs.
+
+    ``op_span`` is OP's span in its own units, None if not known.
+    """
+    return diagnose_recording(recording, op_span=op_span), _thinned(recording), recording.notes
 
 
 def plant_of(found: Sequence[Answered]) -> Plant:

@@ -166,19 +166,25 @@ def diagnose_loops(path: Path, loops: Mapping[str, Read]) -> Plant:
     return plant_of([(path.stem, name, answer) for name, answer in _spread(loops)])
 
 
-def diagnose_store(url: str, periods: Mapping[str, float], hours: float) -> Plant:
+def diagnose_store(
+    url: str,
+    periods: Mapping[str, float],
+    hours: float,
+    op_spans: Mapping[str, float | None] | None = None,
+) -> Plant:
     """Diagnose the loops of a historian by its last hours.
 
     Args:
         url: the historian.
         periods: by loop, plant seconds between two samples.
         hours: of the clock, back from now.
+        op_spans: by loop, OP's span in its own units where that is known.
 
     Raises:
         DiagnosisError: no loop has samples enough.
     """
     since = datetime.now(UTC) - timedelta(hours=hours)
-    work = partial(_one_stored, url=url, since=since)
+    work = partial(_one_stored, url=url, since=since, op_spans=op_spans or {})
     if len(periods) <= _FEW:
         found = list(map(work, periods.items()))
     else:
@@ -239,7 +245,9 @@ def _read_or_reason(read_one: Read) -> Recording | str:
         return str(error)
 
 
-def _one_stored(place: tuple[str, float], url: str, since: datetime) -> Answer:
+def _one_stored(
+    place: tuple[str, float], url: str, since: datetime, op_spans: Mapping[str, float | None]
+) -> Answer:
     from fieldlink.assess.series import Series, equally_spaced
     from fieldlink.store import read_samples
 
@@ -284,4 +292,4 @@ def _one_stored(place: tuple[str, float], url: str, since: datetime) -> Answer:
         notes=(),
         start=float(times[0]),
     )
-    return answer_of(recording)
+    return answer_of(recording, op_span=op_spans.get(loop))

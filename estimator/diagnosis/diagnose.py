@@ -22,6 +22,7 @@ from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.proposal import propose
 from estimator.diagnosis.result import Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
+from estimator.outcomes import EstimatorError
 from estimator.window import period_of, signals_of
 
 __all__ = ["diagnose"]
@@ -37,6 +38,7 @@ def diagnose(
     advice: bool = True,
     figures: bool = True,
     valve_is_healthy: bool = False,
+    op_span: float | None = None,
     settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Diagnosis:
     """Say why a loop swings, or how well it runs.
@@ -51,6 +53,8 @@ def diagnose(
         figures: whether to compute the indices that no cause needs; without them there are none.
         valve_is_healthy: whether `estimator.identify` has judged this window's valve healthy; it
             is not judged a second time.
+        op_span: units of OP from shut to open, by which it is told how far noise moves the valve;
+            without it 1 where OP lies between 0 and 1, else 100.
         settings: every chosen number; see `estimator.diagnosis.settings`.
 
     Returns:
@@ -58,9 +62,11 @@ def diagnose(
         too (``undetermined``, with what would determine it).
 
     Raises:
-        EstimatorError: not rows of numbers of one length and index, no finite sample, or a period
-            that is not above zero or not that of the index.
+        EstimatorError: not rows of numbers of one length and index, no finite sample, a period
+            that is not above zero or not that of the index, or a span that is not above zero.
     """
+    if op_span is not None and not op_span > 0.0:
+        raise EstimatorError(f"op_span is {op_span:g}: it must be above zero")
     period = period_of(period, op, pv, sp, auto)
     record = loop_record(op, pv, sp, auto, period)
     given, others = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
@@ -75,13 +81,16 @@ def diagnose(
             advice=advice,
             figures=figures,
             valve_is_healthy=valve_is_healthy,
+            op_span=op_span,
             settings=settings,
         )
         return replace(thinned, notes=(*thinned.notes, held.why))
     swing, signal = find_swing(record, settings)
     if record.pv is None or record.error is None:
         return _of_op_alone(record, swing, signal, settings)
-    facts = gather(record, swing, signal, settings, valve_is_healthy=valve_is_healthy)
+    facts = gather(
+        record, swing, signal, settings, valve_is_healthy=valve_is_healthy, op_span=op_span
+    )
     found = facts.found
     explained, controller, proposal = found.explained, found.controller, None
     if advice and explained is not None and controller is not None:

@@ -22,10 +22,13 @@ __all__ = [
     "in_long_runs",
     "limits_of",
     "sensor_of",
+    "span_of",
 ]
 
 _USUAL = 0.95
 """Share of the error's moves from sample to sample that are usual ones."""
+_PERCENT = 100.0
+"""Span of an OP in units of its own: most controllers put out 0 to 100 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +61,7 @@ class Sensor:
         spikes: share of the samples that are spikes; spike_cost: their share of the squared error.
         noise: standard deviation of the noise, units of PV.
         noise_share: its share of the variance of the control error.
-        shaken: how far noise moves OP from sample to sample, as a share of 100 % of OP.
+        shaken: how far noise moves OP from sample to sample, as a share of its span.
     """
 
     frozen: float
@@ -195,8 +198,19 @@ def _push(op: Array, error: Array, controller: Controller, at: Mask) -> Array:
     return place
 
 
+def span_of(op: Array) -> float:
+    """Span of an OP ``(n,)`` whose range nobody told: 1 where it lies between 0 and 1, else 100."""
+    return 1.0 if float(op.min()) >= 0.0 and float(op.max()) <= 1.0 else _PERCENT
+
+
 def sensor_of(
-    pv: Array, error: Array, controller: Controller | None, usable: Mask, settings: Facts
+    pv: Array,
+    error: Array,
+    controller: Controller | None,
+    usable: Mask,
+    settings: Facts,
+    *,
+    op_span: float = _PERCENT,
 ) -> Sensor:
     """What PV itself tells about its sensor; only ``usable`` samples count."""
     y = pv[usable]
@@ -227,7 +241,7 @@ def sensor_of(
         spike_cost=min(1.0, cost),
         noise=noise,
         noise_share=min(1.0, (noise / deviation) ** 2),
-        shaken=gain * noise / 100.0,
+        shaken=gain * noise / op_span,
         still=where,
     )
 

@@ -13,7 +13,7 @@ from estimator.controller.controller import Controller
 from estimator.controller.shifts import tell_shift
 from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.explanations import Explained, explain
-from estimator.diagnosis.facts import by_hand_of, in_long_runs, limits_of, sensor_of
+from estimator.diagnosis.facts import by_hand_of, in_long_runs, limits_of, sensor_of, span_of
 from estimator.diagnosis.figures import share_around
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.headroom import headroom_of
@@ -63,6 +63,7 @@ def gather(
     settings: DiagnosisSettings,
     *,
     valve_is_healthy: bool,
+    op_span: float | None = None,
 ) -> Facts:
     """Read the controller, collect the facts, weigh the explanations, close the loop.
 
@@ -71,6 +72,7 @@ def gather(
         swing: its main oscillation, and ``signal`` where that is.
         settings: every chosen number.
         valve_is_healthy: whether the valve is known to be; it is not judged again.
+        op_span: OP's span, units of OP; None for `span_of`.
     """
     period = record.period
     controller, record, late = read_seen(record, settings)
@@ -83,7 +85,10 @@ def gather(
     if by_hand.any():
         record = replace(record, auto=~by_hand)
     limits = limits_of(record.op, error, controller, by_hand, settings.facts, period, recorded.good)
-    sensor = sensor_of(pv, error, controller, record.good, settings.facts)
+    sensor = sensor_of(
+        pv, error, controller, record.good, settings.facts,
+        op_span=span_of(record.op) if op_span is None else op_span,
+    )  # fmt: skip
     manual = float(np.mean(by_hand))
     gap = gap_of(record.op, error, settings.facts)
     if sensor.frozen > settings.judging.frozen:

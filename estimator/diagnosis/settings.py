@@ -264,7 +264,8 @@ class Judging:
         likely, unlikely: that probability from which it is slow, and up to which it is not: odds of
             two to one; between them neither is told. surely, probable: the same where the error is
             over within an integral time and no other cause is told: odds of fifty and of nine to
-            one (tuning family: as many slow loops as well-tuned ones lie between).
+            one (tuning family: as many slow loops as well-tuned ones lie between); at odds of fifty
+            against it no error that lasts makes it slow.
         removable: share of the squared error that robust settings must remove, where the process
             shows, for a tuning to be slow; lasting: the same where the record is too short for its
             integral time, so that nothing else tells.

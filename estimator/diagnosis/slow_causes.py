@@ -25,6 +25,11 @@ def find_slow(
     if found.drawn is not None or found.has_gap:
         # how long the error lasts is not that of the loop: a historian drew it, or a gap leaves it
         return None
+    outside = find_outside(found, settings)
+    unexplained = found.swing.present and outside is None and not found.is_sticky
+    if unexplained and found.amplification()[0] > judging.tight:
+        # a loop that may swing by itself is not slow
+        return None
     one, two = found.predictable
     removable = found.removable_where_known(settings)
     if math.isnan(one):
@@ -42,7 +47,7 @@ def find_slow(
             f"settles within its integral time has no such error",
         ]
         weight = min(1.0, max(one, two))
-    elif find_outside(found, settings) is not None and is_surely_slow(found, settings):
+    elif outside is not None and is_surely_slow(found, settings):
         # beside what is known to come from outside the loop is slow or well tuned
         evidence = []
         weight = too_long(settings)
@@ -73,8 +78,8 @@ def _lingers(found: Gathered, settings: DiagnosisSettings) -> bool | None:
             return None if found.headroom > judging.unlikely else False
         return True
     if found.headroom <= judging.unlikely:
-        # the error says slow, the processes and loads that fit say it is not
-        return None
+        # the error says slow, the processes and loads that fit say it is not: surely or not
+        return None if found.headroom > 1.0 - judging.surely else False
     # against an error that lasts so long it takes both, the process and the headroom
     little = found.removable_where_known(settings) < judging.removable
     return not (little and not found.headroom >= judging.likely)

@@ -75,7 +75,8 @@ def diagnose(
 
         site = load_site(sites[0])
         periods = {name: loop.period for name, loop in site.loops.items()}
-        plant = diagnosing.diagnose_store(site.historian_url, periods, hours)
+        spans = {name: site.op_span(name) for name in site.loops}
+        plant = diagnosing.diagnose_store(site.historian_url, periods, hours, spans)
     elif is_one_file:
         found = _of_file(paths[0], columns)
         if not isinstance(found, diagnosing.Plant):

@@ -48,6 +48,12 @@ class LoopSpec:
         tags = {tag: known[tag] for tag in loop.tags if tag in known}
         return cls(name, loop, device, tags, device.speed if live else 1.0)
 
+    @property
+    def op_span(self) -> float | None:
+        """Span of OP in its own units; None where the register map is silent."""
+        tag = self.tags.get(self.loop.op)
+        return None if tag is None else tag.output_span
+
     def has_samples_of(self, other: LoopSpec) -> bool:
         """Whether the samples of both mean the same, so that a window can go on."""
         return (

@@ -91,6 +91,16 @@ class Tag:
     node: str = ""
 
     @property
+    def output_span(self) -> float | None:
+        """Span of a controller output in its own units; None where the map is silent."""
+        if self.low is None or self.high is None:
+            return 100.0 if self.unit == "%" else None
+        if self.unit == "%" and self.low <= 0.0 and self.high >= 100.0:
+            # Room for readings a little beyond both ends does not count.
+            return 100.0
+        return self.high - self.low if self.high > self.low else None
+
+    @property
     def count(self) -> int:
         """How many addresses the tag takes."""
         return self.length or self.data_type.registers

@@ -117,14 +117,7 @@ class Site:
     def op_span(self, loop: str) -> float | None:
         """Return the span of a loop's OP in its own units; None where the map is silent."""
         tag = self.tag(loop, "op")
-        if tag is None:
-            return None
-        if tag.low is None or tag.high is None:
-            return 100.0 if tag.unit == "%" else None
-        if tag.unit == "%" and tag.low <= 0.0 and tag.high >= 100.0:
-            # Room for readings a little beyond both ends does not count.
-            return 100.0
-        return tag.high - tag.low if tag.high > tag.low else None
+        return None if tag is None else tag.output_span
 
     def together(self, device: str) -> tuple[tuple[str, ...], ...]:
         """Return the groups of tags that should share a request, the most important first.

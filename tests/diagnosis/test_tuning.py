@@ -113,3 +113,13 @@ def test_a_process_that_hardly_shows_gives_no_advice() -> None:
     loads = np.repeat(np.random.default_rng(4).uniform(-6.0, 6.0, 15), 100)
     loop = run(gain=0.15, integral_time=30.0, load=loads)
     assert diagnose(loop.op, loop.pv, loop.sp).tuning is None
+
+
+@pytest.mark.parametrize("gain", [0.95, 1.05])
+def test_a_loop_that_swings_by_itself_for_few_periods_is_not_slow(gain: float) -> None:
+    for seed in (1, 2):
+        loop = run(gain=gain, integral_time=4.0, process_gain=0.5, lag=14.0, dead=12, n=750,
+                   noise=0.03, seed=seed)  # fmt: skip
+        found = diagnose(loop.op, loop.pv, loop.sp, period=1.0, advice=False, figures=False)
+        assert found.oscillation.present
+        assert "slow_tuning" not in [cause.name for cause in found.causes]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.diagnosis.explanations import explain
 from fieldlink.diagnosis import CauseName, Diagnosis, diagnose
 from tests.closed_loop import Loop, run
 
@@ -56,3 +57,16 @@ def test_an_undetermined_oscillation_says_what_does_not_show() -> None:
     assert answer.first.name == "undetermined"
     assert answer.oscillation.present
     assert not any("tight loop" in sentence for sentence in answer.first.evidence)
+
+
+def test_the_shape_of_a_fast_wave_counts() -> None:
+    # eleven samples: the third harmonic has fewer than four of its own
+    phase = K / 11.0 % 1.0
+    wave = np.where(phase < 0.25, phase / 0.25, (1.0 - phase) / 0.75) - 0.5
+    for seed in (3, 4, 5):
+        load = 12.0 * wave + 0.3 * drift(seed, 0.9)
+        loop = run(load=load, gain=1.2, integral_time=7.0, lag=5.0, dead=1, noise=0.1, seed=seed)
+        explained = explain(
+            loop.op, loop.pv, loop.sp, None, 1.0, K.size / 11.0, late=1, valve_is_healthy=True
+        )
+        assert explained.outside > 120.0

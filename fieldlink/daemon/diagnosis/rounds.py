@@ -186,6 +186,7 @@ class DiagnosisRounds:
                         begin_ms=round(1000.0 * (window.end_utc - length)),
                         compensated=loop.writer is not None and loop.writer.may_compensate,
                         valve_is_healthy=_is_judged_healthy(loop.newest_estimate, window),
+                        op_span=loop.spec.op_span,
                     )
                 )
         return found

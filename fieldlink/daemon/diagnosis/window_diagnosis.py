@@ -35,6 +35,7 @@ class DiagnosisRequest:
         begin_ms: stamp of the first slot, UTC.
         compensated: whether a block may have been in force during the window.
         valve_is_healthy: whether the estimator found the valve healthy in this window.
+        op_span: OP's span in its own units; None where the register map is silent.
     """
 
     loop: str
@@ -44,6 +45,7 @@ class DiagnosisRequest:
     begin_ms: int
     compensated: bool = False
     valve_is_healthy: bool = False
+    op_span: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,7 @@ def diagnose_window(request: DiagnosisRequest) -> WindowDiagnosis | str:
             auto=_held(window.auto),
             period=request.period,
             valve_is_healthy=request.valve_is_healthy,
+            op_span=request.op_span,
         )
     except EstimatorError as error:
         return str(error)
