@@ -22,7 +22,7 @@ def found(loop: Loop, **more: object) -> Diagnosis:
 
 
 def test_a_sticky_valve() -> None:
-    answer = found(run(band=6.0, jump=4.0))
+    answer = found(run(band=6.0, jump=4.0, seed=3))
     assert answer.first.name == "sticky_valve"
     assert answer.tuning is not None
     assert "sticks" in answer.tuning["note"]
