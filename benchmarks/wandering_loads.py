@@ -3,10 +3,11 @@
     python -m benchmarks.wandering_loads --first 3000 --loops 150 [--out docs/benchmarks]
 
 What a neighbouring loop with a sticky valve does to this one. The load is a triangle or a saw-tooth
-of 3.5 to 60 cycles; its cycles differ in length by 0 to 6 %, its height does not. It enters at the
-valve, within the process, or where PV is measured. Processes are a lag, two lags or a level, under
-PI control by SIMC, slower or faster; PV has white noise of 0.3 to 25 % of its swing. No set-point
-is recorded. Seeds below 2000 were looked at while the estimator was made; the others were not.
+of 3.5 cycles and more; its cycles differ in length by 0 to 6 %, its height does not. It enters at
+the valve, within the process, or where PV is measured. Processes are a lag, two lags or a level,
+under PI control by SIMC, slower or faster; PV has white noise of 0.3 to 25 % of its swing. No
+set-point is recorded. Seeds below 2000 were looked at while the estimator was made; the others were
+not.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from estimator.diagnosis.standing import held_runs, mask_of, moves_in_steps
 from estimator.faults import find_spikes, runs_of
 
 __all__ = [
+    "USUAL_OP_SPAN",
     "Limits",
     "Sensor",
     "by_hand_of",
@@ -27,8 +28,8 @@ __all__ = [
 
 _USUAL = 0.95
 """Share of the error's moves from sample to sample that are usual ones."""
-_PERCENT = 100.0
-"""Span of an OP in units of its own: most controllers put out 0 to 100 %."""
+USUAL_OP_SPAN = 100.0
+"""Units of OP: most controllers put out 0 to 100 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +201,7 @@ def _push(op: Array, error: Array, controller: Controller, at: Mask) -> Array:
 
 def span_of(op: Array) -> float:
     """Span of an OP ``(n,)`` whose range nobody told: 1 where it lies between 0 and 1, else 100."""
-    return 1.0 if float(op.min()) >= 0.0 and float(op.max()) <= 1.0 else _PERCENT
+    return 1.0 if float(op.min()) >= 0.0 and float(op.max()) <= 1.0 else USUAL_OP_SPAN
 
 
 def sensor_of(
@@ -210,12 +211,12 @@ def sensor_of(
     usable: Mask,
     settings: Facts,
     *,
-    op_span: float = _PERCENT,
+    op_span: float = USUAL_OP_SPAN,
 ) -> Sensor:
     """What PV itself tells about its sensor; only ``usable`` samples count."""
     y = pv[usable]
     if y.size < settings.least_run:
-        # too few to tell anything: that PV is not there is no fault of its sensor
+        # too few samples to judge: PV that was not read does not show a fault of its sensor
         return Sensor(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(pv.size, dtype=bool))
     if float(np.ptp(y)) == 0.0:
         return Sensor(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, usable)

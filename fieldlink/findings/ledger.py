@@ -116,7 +116,7 @@ class _Step:
             if match is None:
                 match = self._bear(proposal)
             elif _is_follower_alone(match, proposal):
-                # it has the group's finding, and is no proof that the group is still there
+                # the group's finding covers it, and it does not show that the group still swings
                 continue
             elif match.trial is None and match.id not in seen:
                 self._see_again(match, proposal)

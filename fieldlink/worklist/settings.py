@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["USUAL_OP_SPAN", "WorkListSettings"]
+from estimator.diagnosis.facts import USUAL_OP_SPAN, span_of
 
-USUAL_OP_SPAN = 100.0
-"""Units of OP: most controllers put out 0 to 100 %."""
+__all__ = ["WorkListSettings"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,5 +47,4 @@ class WorkListSettings:
             return self.op_span
         if op is None or not np.isfinite(op).any():
             return USUAL_OP_SPAN
-        is_share = np.nanmin(op) >= 0.0 and np.nanmax(op) <= 1.0
-        return 1.0 if is_share else USUAL_OP_SPAN
+        return span_of(op[~np.isnan(op)])

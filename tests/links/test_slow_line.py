@@ -1,4 +1,4 @@
-"""A serial line at its baud rate: the time that bytes take on it is no silence of the device."""
+"""A serial line at its baud rate: while bytes are on it, the device is not silent."""
 
 from __future__ import annotations
 
