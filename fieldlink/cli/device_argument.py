@@ -196,7 +196,7 @@ def _make_device(
             host = host.strip("[]")
         keys |= {"link": f"modbus-{transport}", "host": host}
         if port:
-            if not port.isdecimal():
+            if not port.isdecimal() or len(port) > len("65535"):
                 raise typer.BadParameter(f"{target!r}: {port!r} is not a port", param_hint="TARGET")
             keys["port"] = int(port)
     try:

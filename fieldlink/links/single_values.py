@@ -122,13 +122,13 @@ def parse_point(text: str, device: Device) -> Tag:
     manual = as_manual_address(number)
     if manual is not None and int(number) > 0xFFFF:
         raise ByHandError(f"{text!r} is how manuals write {manual}; give {manual}")
-    if not number.isdecimal() or int(number) > 0xFFFF or rest:
+    if not _is_up_to(0xFFFF, number) or rest:
         raise ByHandError(f"{text!r} is neither a tag nor an address; {usage}")
     if kind and kind not in list(DataType):
         raise ByHandError(f"{text!r}: {kind!r} is not a type; use one of: {', '.join(DataType)}")
     data_type = DataType(kind) if kind else default
-    if length and not (data_type is DataType.STRING and length.isdecimal()):
-        raise ByHandError(f"{text!r}: only a string has a length; {usage}")
+    if length and not (data_type is DataType.STRING and _is_up_to(0xFFFF, length)):
+        raise ByHandError(f"{text!r}: only a string has a length, a whole number; {usage}")
     if (data_type is DataType.STRING) != bool(length):
         raise ByHandError(f"{text!r}: a string needs its registers, such as holding:100:string:8")
     if table.is_bits and data_type is not DataType.BOOL:
@@ -149,6 +149,12 @@ def parse_point(text: str, device: Device) -> Tag:
             "65535; give another address or type"
         )
     return tag
+
+
+def _is_up_to(most: int, text: str) -> bool:
+    """Whether ``text`` is a whole number up to ``most``; thousands of digits are no matter."""
+    digits = text.lstrip("0")
+    return text.isdecimal() and len(digits) <= len(str(most)) and int(digits or "0") <= most
 
 
 async def read_points(points: Sequence[Point]) -> list[Reading]:

@@ -7,6 +7,7 @@ beginning of lines. Keys inside an inline table have the line of the key that ho
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -62,6 +63,8 @@ class TomlSource:
             self.data: dict[str, Any] = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise SiteError([_syntax_problem(path, text, str(error))]) from error
+        except ValueError as error:
+            raise SiteError([_too_many_digits(path, text)]) from error
         except RecursionError as error:
             raise SiteError([_too_deep(path)]) from error
         if _depth(self.data) > DEEPEST:
@@ -121,6 +124,15 @@ def _depth(data: object) -> int:
 def _too_deep(path: Path) -> Problem:
     message = f"its tables or arrays lie more than {DEEPEST} deep in each other"
     return Problem(str(path), "", message, "no key of a site file needs more than six")
+
+
+def _too_many_digits(path: Path, text: str) -> Problem:
+    """Name the line of a whole number that is longer than Python takes."""
+    most = sys.get_int_max_str_digits()
+    digits = re.compile(rf"\d(?:_?\d){{{most},}}")
+    line = next((i for i, row in enumerate(text.splitlines(), 1) if digits.search(row)), None)
+    message = f"a number has more than {most} digits"
+    return Problem(str(path), "", message, "no key of a site file needs more than ten", line)
 
 
 def _syntax_problem(path: Path, text: str, message: str) -> Problem:

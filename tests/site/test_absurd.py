@@ -82,6 +82,13 @@ def test_other_numbers_beyond_any_plant(refused: Callable[..., str], table: str,
     assert table in said
 
 
+def test_a_number_of_thousands_of_digits_is_named_with_its_line(
+    refused: Callable[..., str],
+) -> None:
+    said = refused(SITE.replace("period = 1.0", f"period = {'9' * 5000}"))
+    assert said.startswith("site.toml:14: a number has more than ")
+
+
 @pytest.mark.parametrize(
     "deep",
     ["x = " + "[" * 5000 + "]" * 5000, "x = " + "[" * 60 + "]" * 60, ".".join("a" * 3000) + " = 1"],
