@@ -116,8 +116,9 @@ def _write_map(found: Target, result: Survey, out: Path, errors: Console) -> Non
     if not ranges:
         errors.print(f"{out} is not written: no register can be read")
         raise typer.Exit(1)
-    unit = result.units[0].unit
-    device = found.device.model_copy(update={"unit": unit})
+    unit, limit = result.units[0].unit, result.units[0].max_registers
+    limits = {} if limit is None else {"max_registers": limit}
+    device = found.device.model_copy(update={"unit": unit, **limits})
     words = [
         Tag(f"{table} {address}", table, address, DataType.UINT16)
         for table, first, last in ranges
@@ -148,9 +149,10 @@ def _unit_ids(text: str) -> tuple[int, ...]:
             raise typer.BadParameter(
                 f"{part!r} is neither a unit id nor a range", param_hint="--units"
             )
+        for number in (low, high or low):
+            if len(number) > len("255") or int(number) > 255:
+                raise typer.BadParameter(f"{number[:20]} is above 255", param_hint="--units")
         ids.extend(range(int(low), int(high or low) + 1))
-    if ids and max(ids) > 255:
-        raise typer.BadParameter(f"{max(ids)} is above 255", param_hint="--units")
     return tuple(dict.fromkeys(ids))
 
 
@@ -181,6 +183,11 @@ def _print_survey(console: Console, result: Survey) -> None:
         console.print(f"  unit {unit.unit} answers")
         for table in unit.tables:
             console.print(f"    {table.table:8} {_describe(table)}")
+        if unit.max_registers is not None:
+            console.print(
+                "    a longer request is refused although its registers can be read: set "
+                f"max_registers = {unit.max_registers} in the site file"
+            )
     if not result.units:
         console.print("  no unit answers")
     if result.silent:

@@ -200,7 +200,13 @@ class ModbusConnection:
             ) from error
 
     async def _exchange(
-        self, line: Line, wire: Wire, request: Request, *, again: bool = False
+        self,
+        line: Line,
+        wire: Wire,
+        request: Request,
+        *,
+        again: bool = False,
+        is_probe: bool = False,
     ) -> bytes:
         self.requests += 1
         late = self._late
@@ -225,7 +231,7 @@ class ModbusConnection:
             line.unanswered()
             self._owe(request)
             what = f"{self._where} did not answer within {patience:.3g} s while {request.text}"
-            remedy = "check the unit id, or raise the device's timeout"
+            remedy = self._misfits.remedy_of_silence(None if is_probe else request)
             if wire.heard_noise and self._settings.numbered:
                 what += "; only a part of a reply came"
                 remedy = "raise the device's timeout; if it persists, look for a faulty gateway"
@@ -253,7 +259,7 @@ class ModbusConnection:
             self._owe(request)
             raise
         line.answered()
-        self._misfits.note_fit()
+        self._misfits.note_fit(request, pdu)
         self._backoff.succeeded()
         return pdu
 
@@ -264,7 +270,7 @@ class ModbusConnection:
         if not self._late:
             return
         probe = self._late.probe_for(request)
-        pdu = await self._exchange(line, wire, probe)
+        pdu = await self._exchange(line, wire, probe, is_probe=True)
         if not self._late.proves(probe, pdu):
             self._late.refused(probe, self._clock.monotonic())
             raise self._failed(

@@ -87,6 +87,16 @@ class Request:
         """Whether ``pdu`` is the regular answer."""
         return len(pdu) == self.size and pdu.startswith(self.head)
 
+    def registers_of(self, pdu: bytes) -> int:
+        """How many registers a well-formed answer to this read holds; 0 for any other answer.
+
+        Some devices answer a read that is too long for them with as many as they can.
+        """
+        if not (self.is_read and not self.table.is_bits and len(pdu) > 2):
+            return 0
+        fits = pdu[0] == self.function and pdu[1] == len(pdu) - 2 and pdu[1] % 2 == 0
+        return pdu[1] // 2 if fits else 0
+
     def is_exception(self, pdu: bytes) -> bool:
         """Whether ``pdu`` is an exception answer to this function."""
         return len(pdu) == 2 and pdu[0] == self.function | EXCEPTION

@@ -1,7 +1,11 @@
-"""What to do about answers that do not fit: a habit of the device, or something between."""
+"""What to do about silence and answers that do not fit: a habit of the device, or a fault between.
+
+Devices differ in how many registers they give in one request, and few say so by an exception.
+"""
 
 from __future__ import annotations
 
+from fieldlink.links.frames import Request
 from fieldlink.links.wire import WrongReplyError
 
 __all__ = ["Misfits"]
@@ -13,17 +17,25 @@ class Misfits:
     """Remembers whether a device has ever answered as it was asked, and how it answers else."""
 
     def __init__(self) -> None:
+        self._longest = 0
         self._has_fitted = False
         self._seen: set[tuple[int | None, int | None]] = set()
 
-    def note_fit(self) -> None:
+    def note_fit(self, request: Request, pdu: bytes) -> None:
         """Note an answer that fits: one that never fits is a habit of the device."""
         self._has_fitted = True
+        if request.count > self._longest and request.registers_of(pdu):
+            self._longest = request.count
 
     def remedy(self, error: WrongReplyError) -> str:
         """Return what to do about an answer that does not fit."""
         self._seen.add((error.unit, error.transaction))
         is_habit = not self._has_fitted and len(self._seen) == 1
+        if error.registers is not None and error.registers >= self._longest:
+            return (
+                f"set max_registers = {error.registers} if its answers to long requests are always "
+                f"so; else {_BETWEEN}"
+            )
         if is_habit and error.unit is not None:
             return (
                 f"set unit = {error.unit} if all its answers are so: the device has that number, "
@@ -36,3 +48,17 @@ class Misfits:
                 '(link = "modbus-rtu-tcp") if it has that'
             )
         return f"the connection is opened again; if it persists, {_BETWEEN}"
+
+    def remedy_of_silence(self, request: Request | None) -> str:
+        """Return what to do about silence; ``request`` is None where the plan has none like it."""
+        usual = "check the unit id, or raise the device's timeout"
+        if request is None or not request.is_read or request.table.is_bits or request.count == 1:
+            return usual
+        if not self._has_fitted:
+            return f"{usual}; if it answers shorter requests, lower max_registers"
+        if request.count > self._longest > 0:
+            return (
+                f"raise the device's timeout, or lower max_registers: it has answered up to "
+                f"{self._longest} registers, and never {request.count}"
+            )
+        return usual

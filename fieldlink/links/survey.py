@@ -93,10 +93,18 @@ class TableSurvey:
 
 @dataclass(frozen=True, slots=True)
 class UnitSurvey:
-    """One unit id that answers."""
+    """One unit id that answers.
+
+    Attributes:
+        unit: the id.
+        tables: what was looked at.
+        max_registers: of the longest request that was answered, where a longer one was not although
+            all of its registers can be read; None where no such limit was met.
+    """
 
     unit: int
     tables: tuple[TableSurvey, ...]
+    max_registers: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +147,8 @@ class _Look:
     unit: int = 0
     requests: int = 0
     silent_in_a_row: int = 0
+    longest: int = 0
+    too_long: int | None = None
     put_off: Counter[int] = field(default_factory=Counter)
     unfit: dict[int, str] = field(default_factory=dict)
     connections: list[ModbusConnection] = field(default_factory=list)
@@ -149,6 +159,28 @@ class _Look:
         self.requests += 1
         self.progress(f"unit {self.unit}, {table} {first} to {first + count - 1}", self.requests)
         await link.read(table, first, count)
+        if not table.is_bits:
+            self.longest = max(self.longest, count)
+            if self.too_long is not None and count >= self.too_long:
+                # It was no limit: what was refused twice is answered now.
+                self.too_long = None
+
+    @property
+    def max_registers(self) -> int | None:
+        """The limit of a request that was met; None when none was."""
+        return None if self.too_long is None else self.longest
+
+    async def note_too_long(
+        self, link: ModbusConnection, table: Table, first: int, count: int
+    ) -> None:
+        """Note that a block is refused whose parts are not, if it is refused again."""
+        if table.is_bits or (self.too_long is not None and count >= self.too_long):
+            return
+        try:
+            await self.ask(link, table, first, count)
+        except LinkError as error:
+            self.heed(error)
+            self.too_long = count
 
     def heed(self, error: LinkError) -> None:
         """Count silence; let out what ends the look at a table or at the device."""
@@ -190,11 +222,12 @@ async def survey(
                 await link.close()
                 continue
             look.unfit.pop(unit, None)
+            look.longest, look.too_long = 0, None
             tables = []
             found.append(UnitSurvey(unit, ()))
             for table in settings.tables:
                 tables.append(await _look_at(look, link, table))
-                found[-1] = UnitSurvey(unit, tuple(tables))
+                found[-1] = UnitSurvey(unit, tuple(tables), look.max_registers)
             await link.close()
     except _EnoughError as enough:
         note = str(enough)
@@ -312,7 +345,10 @@ async def _halves(
         return []
     half = count // 2
     lower = await _readable(look, link, table, first, half)
-    return lower + await _readable(look, link, table, first + half, count - half)
+    found = lower + await _readable(look, link, table, first + half, count - half)
+    if len(found) == count:
+        await look.note_too_long(link, table, first, count)
+    return found
 
 
 def _runs(addresses: Sequence[int]) -> list[tuple[int, int]]:

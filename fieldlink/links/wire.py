@@ -70,10 +70,12 @@ class WrongReplyError(Exception):
     Attributes:
         unit: of which it is an answer, where that is what does not fit.
         transaction: of which it is an answer, where that is what does not fit.
+        registers: how many it holds, where that is too few and all else fits.
     """
 
     unit: int | None = None
     transaction: int | None = None
+    registers: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +234,9 @@ class Wire(ModbusProtocol):
             try:
                 used, frame = self._framing.decode(self._buffer)
             except FramingError as error:
-                self._fail(WrongReplyError(str(error)))
+                # A datagram that is no frame may come from anywhere: the reply comes in another.
+                if not self._datagrams:
+                    self._fail(WrongReplyError(str(error)))
                 break
             self._buffer = self._buffer[used:]
             if frame is None:
@@ -274,12 +278,21 @@ class Wire(ModbusProtocol):
         elif waiting.request.is_regular(frame.pdu) or waiting.request.is_exception(frame.pdu):
             waiting.reply.set_result(frame.pdu)
         elif waiting.late is None or not waiting.late(frame.pdu):
-            self._fail(WrongReplyError("an answer of the wrong kind or length"))
+            self._fail(_misfit(waiting.request, frame.pdu))
 
     def _fail(self, error: Exception) -> None:
         if self._waiting is not None:
             with suppress(asyncio.InvalidStateError):
                 self._waiting.reply.set_exception(error)
+
+
+def _misfit(request: Request, pdu: bytes) -> WrongReplyError:
+    held = request.registers_of(pdu)
+    if not 0 < held < request.count:
+        return WrongReplyError("an answer of the wrong kind or length")
+    error = WrongReplyError(f"{held} of {request.count} registers")
+    error.registers = held
+    return error
 
 
 _ERRNO = re.compile(r"\[Errno (\d+)\]|\((\d+), '")

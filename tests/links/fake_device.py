@@ -27,6 +27,8 @@ class FakeDevice:
     """Replies wait until it is set, as it is in the beginning."""
     mute: bool = False
     """Read requests and say nothing."""
+    longest: int = 0xFFFF
+    """Say nothing to a request of more registers."""
     accepts: bool = True
     """Otherwise every connection is closed at once, as by an access list."""
     closes: bool = False
@@ -73,7 +75,7 @@ class FakeDevice:
                 body = await reader.readexactly(length - 1)
                 answer = self._answer(body)
                 delay, mute = self.delay, self.mute
-                if mute or unit != self.unit:
+                if mute or unit != self.unit or self.requests[-1][2] > self.longest:
                     continue
                 await asyncio.sleep(delay)
                 await self.gate.wait()

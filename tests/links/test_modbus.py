@@ -227,6 +227,38 @@ async def test_a_reply_of_the_wrong_length_is_refused(device: FakeDevice) -> Non
         assert not scan.answered
 
 
+async def test_an_answer_that_is_cut_short_tells_how_many_registers_to_ask_for(
+    device: FakeDevice,
+) -> None:
+    def cut(frame: bytes) -> bytes:
+        return frame[:4] + struct.pack(">HBBB", 7, frame[6], frame[7], 4) + frame[9:13]
+
+    device.tamper = cut
+    async with link_to(device) as link:
+        said = str((await link.scan()).failures[0])
+        assert "reading holding 10 to 13 got 2 of 4 registers; set max_registers = 2" in said
+        # Not so where longer answers were whole.
+        device.tamper = None
+        await scan_until_good(link)
+        device.tamper = cut
+        assert "max_registers" not in str((await link.scan()).failures[0])
+
+
+async def test_silence_to_long_requests_alone_tells_how_long_they_may_be(
+    device: FakeDevice,
+) -> None:
+    tags = [words_tag("SHORT", 0), *(words_tag(f"T{i}", 100 + i) for i in range(4))]
+    device.longest = 1
+    async with link_to(device, tags, patience=0.2) as link:
+        failure = (await link.scan()).failures[0]
+    said = "lower max_registers: it has answered up to 1 registers, and never 4"
+    assert said in str(failure)
+    device.mute = True
+    async with link_to(device, FOUR, patience=0.05) as link:
+        failure = (await link.scan()).failures[0]
+    assert "if it answers shorter requests, lower max_registers" in str(failure)
+
+
 async def test_a_part_of_a_reply_is_not_called_silence(device: FakeDevice) -> None:
     device.tamper = lambda frame: frame[:9]
     # long enough for the part to come in on a busy machine: the whole of it is waited for

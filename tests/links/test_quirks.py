@@ -192,3 +192,32 @@ async def test_a_late_datagram_is_passed_over() -> None:
     # Also after the end, for the daemon's last words.
     assert link.connects == 1
     transport.close()
+
+
+class NoisyUdp(LateUdp):
+    """Sends datagrams that are no frames before its replies."""
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        for noise in (b"\x07" * 12, data[:5], b""):
+            self._transport.sendto(noise, addr)
+        super().datagram_received(data, addr)
+
+
+async def test_a_datagram_that_is_no_frame_is_passed_over() -> None:
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(
+        lambda: NoisyUdp([]), local_addr=("127.0.0.1", 0)
+    )
+    device = Device(
+        link="modbus-udp",
+        host="127.0.0.1",
+        port=transport.get_extra_info("sockname")[1],
+        timeout=PATIENCE,
+        register_map=Path("map.csv"),
+    )
+    link = ModbusLink(ModbusSettings("plc", device), plan_reads([word(10)]), SystemClock())
+    scan = await link.scan()
+    assert not scan.failures
+    assert scan["R10"].value == 10.0
+    await link.close()
+    transport.close()

@@ -148,6 +148,14 @@ def test_what_is_not_an_address_is_reported(port: int, what: str) -> None:
     assert what in refusal(run("read", f"127.0.0.1:{port}", "--", what))
 
 
+@pytest.mark.parametrize("digits", ["99999999", "9" * 5000])
+def test_numbers_of_many_digits_end_in_a_sentence(digits: str) -> None:
+    assert "is neither a tag nor an address" in refusal(run("read", "127.0.0.1", digits))
+    assert "only a string has a length" in refusal(run("read", "127.0.0.1", f"0:string:{digits}"))
+    assert run("read", f"127.0.0.1:{digits}", "0").exit_code == 2
+    assert "is above 255" in run("scan", "127.0.0.1", "--units", f"1-{digits}").stderr
+
+
 def test_a_tag_is_written_and_read_back(site: str, image: RegisterImage) -> None:
     result = run("write", site, "OP", "50", "--yes")
     assert "holds 42.5 %" in result.stdout
@@ -310,6 +318,7 @@ def test_a_survey_finds_units_and_ranges(port: int) -> None:
     )
     found = json.loads(result.stdout)
     assert [unit["unit"] for unit in found["units"]] == [1]
+    assert found["units"][0]["max_registers"] is None
     assert found["silent"] == [7]
     assert found["complete"]
     tables = {table["table"]: table["ranges"] for table in found["units"][0]["tables"]}
@@ -349,6 +358,17 @@ def test_a_survey_names_answers_that_do_not_fit() -> None:
     assert lines[1].startswith("  unit 1, no answer that fits: ")
     assert "got an answer of unit 6, not 1; set unit = 6 if all its answers are so" in lines[1]
     assert len(lines) == 2
+
+
+def test_a_survey_tells_how_many_registers_a_device_gives_at_once() -> None:
+    def at_most_two(asked: bytes) -> bytes:
+        given = min(2, asked[11])
+        return asked[:4] + bytes([0, 3 + 2 * given, asked[6], 3, 2 * given]) + bytes(2 * given)
+
+    with answering(at_most_two) as target:
+        lines = scanned(target)
+    assert lines[1] == "    holding  0-3"
+    assert lines[2].endswith("set max_registers = 2 in the site file")
 
 
 def test_a_survey_does_not_call_a_busy_device_unreadable() -> None:
