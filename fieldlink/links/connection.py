@@ -3,7 +3,8 @@
 `Wire` sends and judges bytes; what to do when a device is silent, late or wrong is decided here.
 
 - Where replies name their transaction (TCP, TLS), a time-out or a reply that does not fit drops the
-  wire: whatever still arrives can never be the answer to a later request.
+  wire: whatever still arrives can never be the answer to a later request. On a line that devices
+  share, a time-out does not: the late reply is known by its transaction.
 - RTU framing has no transaction id, a gateway may deliver a late reply into a new connection, and
   other devices share the line. There the connection remembers which replies are still owed, and
   before the device is asked for anything else it has to answer a probe (see `late_replies`).
@@ -120,10 +121,12 @@ class ModbusConnection:
         await self._request(write_coils_request(address, bits), urgent=True)
 
     async def hang_up(self) -> None:
-        """Close the wire between two requests; the next one opens it again without a pause."""
+        """Close the wire unless another device waits for it; the next request opens it again."""
         if self._line is not None:
-            async with self._line.turns.take():
-                self._line.drop()
+            turns = self._line.turns
+            async with turns.take():
+                if not turns.is_wanted:
+                    self._line.drop()
 
     async def close(self) -> None:
         """Let go of the line; a later request would take it up again."""
@@ -195,7 +198,9 @@ class ModbusConnection:
                 )
             raise self._failed(
                 LinkUnreachableError(
-                    self._device, f"no connection to {self._where}: {error}", remedy
+                    self._device,
+                    f"no connection to {self._where}: {error}",
+                    _too_few(line) or remedy,
                 )
             ) from error
 
@@ -224,7 +229,8 @@ class ModbusConnection:
                 LinkUnreachableError(
                     self._device,
                     f"{self._where}: {error} while {request.text}",
-                    "it is tried again by itself; look at the device if it persists",
+                    ("" if wire.answers else _too_few(line))
+                    or "it is tried again by itself; look at the device if it persists",
                 )
             ) from error
         except TimeoutError as error:
@@ -291,3 +297,15 @@ class ModbusConnection:
         self._last_error = error.what
         self._backoff.failed(self._clock.monotonic())
         return error
+
+
+def _too_few(line: Line) -> str:
+    """Return what to do where other connections to the same address stand; empty without one."""
+    others = _LINES.open_beside(line)
+    if not others:
+        return ""
+    stand = "another connection to it stands" if others == 1 else f"{others} others to it stand"
+    return (
+        f"{stand}, and it may take no more: set close_after_scan in the quirks of all devices at "
+        "this address, so that they take turns on one"
+    )

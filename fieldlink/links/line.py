@@ -1,7 +1,8 @@
 """A line: what carries the requests of one or several devices, one request at a time.
 
-A network device has a line of its own. Devices on one serial port, or behind one gateway with RTU
-framing, share a line: there is one wire, and they take turns.
+A network device has a line of its own. Devices on one serial port, behind one gateway with RTU
+framing, or at one address with too few connections, share a line: there is one wire, and they take
+turns.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary, WeakValueDictionary
+from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 from fieldlink.links.clock import Clock
 from fieldlink.links.turns import Turns
@@ -32,6 +33,7 @@ class LineSettings:
         numbered: whether replies name their transaction (not on RTU framing).
         keeps_open: whether a time-out leaves the wire open, because late replies are recognised.
         key: what identifies the medium where devices share it; None for a line of one device.
+        place: host and port that a connection is made to; None where there is none.
         timeout: seconds for opening.
         pause_after_connect: seconds between opening and the first request.
         gap: least seconds from the end of a reply to the next request.
@@ -42,6 +44,7 @@ class LineSettings:
     numbered: bool
     keeps_open: bool
     key: Hashable = None
+    place: Hashable = None
     timeout: float = 0.5
     pause_after_connect: float = 0.0
     gap: float = 0.0
@@ -72,6 +75,11 @@ class Line:
         self._free_at = 0.0
         self._silent = 0
         self._users = 0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a wire that requests can be sent on."""
+        return self._wire is not None and self._wire.is_open
 
     def join(self) -> None:
         """Note one more device that uses the line."""
@@ -144,19 +152,33 @@ class Line:
 
 
 class Lines:
-    """The shared lines of each event loop, by what identifies their medium."""
+    """The lines of each event loop; the shared ones by what identifies their medium."""
 
     def __init__(self) -> None:
         self._lines: WeakKeyDictionary[
             asyncio.AbstractEventLoop, WeakValueDictionary[Hashable, Line]
         ] = WeakKeyDictionary()
+        self._all: WeakKeyDictionary[asyncio.AbstractEventLoop, WeakSet[Line]] = WeakKeyDictionary()
 
     def line(self, settings: LineSettings, clock: Clock) -> Line:
         """Return the line of a device; the first to ask for a shared one decides its settings."""
-        if settings.key is None:
-            return Line(settings, clock)
-        lines = self._lines.setdefault(asyncio.get_running_loop(), WeakValueDictionary())
-        line = lines.get(settings.key)
+        loop = asyncio.get_running_loop()
+        lines = self._lines.setdefault(loop, WeakValueDictionary())
+        line = None if settings.key is None else lines.get(settings.key)
         if line is None:
-            line = lines[settings.key] = Line(settings, clock)
+            line = Line(settings, clock)
+            self._all.setdefault(loop, WeakSet()).add(line)
+            if settings.key is not None:
+                lines[settings.key] = line
         return line
+
+    def open_beside(self, line: Line) -> int:
+        """Return how many other lines have a connection to the same host and port now."""
+        place = line.settings.place
+        if place is None:
+            return 0
+        others = self._all.get(asyncio.get_running_loop(), WeakSet[Line]())
+        return sum(
+            other is not line and other.settings.place == place and other.is_open
+            for other in others
+        )

@@ -14,6 +14,7 @@ from fieldlink.links.line import LineSettings
 from fieldlink.links.wire import Wire
 from fieldlink.site import Device, Tls
 from fieldlink.site.check_warnings import BITS_PER_BYTE
+from fieldlink.site.host import one_name
 from fieldlink.tls_words import tls_words
 
 __all__ = ["TlsFilesError", "client_tls", "line_settings"]
@@ -81,8 +82,9 @@ def line_settings(
     return LineSettings(
         make_wire=lambda: Wire(params, framing, server_name),
         numbered=framing.numbered,
-        keeps_open=device.is_rtu or device.link == "modbus-udp",
+        keeps_open=device.is_rtu or device.link == "modbus-udp" or _medium(device) is not None,
         key=_medium(device),
+        place=None if _NETWORK.get(device.link) in (None, CommType.UDP) else _place(device),
         timeout=seconds,
         pause_after_connect=quirks.pause_after_connect,
         gap=gap,
@@ -121,5 +123,11 @@ def _medium(device: Device) -> tuple[object, ...] | None:
     if device.link == "modbus-rtu":
         return ("serial", device.serial_port)
     if device.link == "modbus-rtu-tcp":
-        return ("gateway", device.host, device.port)
+        return ("gateway", *_place(device))
+    if device.link == "modbus-tcp" and device.quirks.close_after_scan:
+        return ("connection", *_place(device))
     return None
+
+
+def _place(device: Device) -> tuple[str, int]:
+    return (one_name(device.host or ""), device.port)

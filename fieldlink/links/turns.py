@@ -23,6 +23,11 @@ class Turns:
         self._arrivals = count()
         self._waiting: list[tuple[bool, int, asyncio.Future[None]]] = []
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether somebody waits for the turn."""
+        return any(not turn.done() for _, _, turn in self._waiting)
+
     @asynccontextmanager
     async def take(self, *, urgent: bool = False) -> AsyncIterator[None]:
         """Wait for the turn, hold it inside the block, hand it on afterwards."""

@@ -109,6 +109,7 @@ class Wire(ModbusProtocol):
         self._datagrams = params.comm_type is CommType.UDP
         self._buffer = b""
         self._waiting: _Waiting | None = None
+        self._unanswered: set[int] = set()
         self.answers = 0
         self.heard_noise = False
 
@@ -203,6 +204,12 @@ class Wire(ModbusProtocol):
             answer = await reply
             self.answers += 1
             return answer
+        except (TimeoutError, asyncio.CancelledError):
+            self._unanswered.add(transaction)
+            if self._buffer and self._framing.numbered and not self._datagrams:
+                # The rest of a frame would be taken for the beginning of the next one.
+                self.close()
+            raise
         finally:
             timer.cancel()
             self._waiting = None
@@ -264,8 +271,10 @@ class Wire(ModbusProtocol):
 
     def _judge(self, waiting: _Waiting, frame: Frame) -> None:
         if self._framing.numbered and frame.transaction != waiting.transaction:
-            # A late datagram is harmless; on a stream the two ends have lost count.
-            if not self._datagrams:
+            # A late answer is harmless; by any other one, the two ends of a stream have lost count.
+            is_late = frame.transaction in self._unanswered
+            self._unanswered.discard(frame.transaction)
+            if not (self._datagrams or is_late):
                 error = WrongReplyError("the answer to another request")
                 error.transaction = frame.transaction
                 self._fail(error)
