@@ -301,12 +301,13 @@ class CompensateService:
             return done
         assert self._op_out is not None
         try:
-            words = self._op_out.encode(wanted)
+            words = self._op_out.encode_inside(wanted, low, high)
             await self._access.write_registers(self._op_out.address, words)
         except (LinkError, RegisterValueError) as error:
             return with_verdict(done, Verdict.WRITE_FAILED, str(error))
         self.writes_done += 1
-        return with_verdict(done, Verdict.WRITTEN)
+        held = self._op_out.decode(words).value  # what the register has made of it
+        return Step(Verdict.WRITTEN, done.pv, done.sp, done.op_before, held, done.detail)
 
     async def _tell_refusal(self, block: ReaderState) -> str:
         """Write to the PLC why the accepted block's model is not used, once for each change.

@@ -184,6 +184,32 @@ class Tag:
         except RegisterValueError as error:
             raise RegisterValueError(f"{self.name}: {error}") from error
 
+    def encode_inside(self, value: float, low: float, high: float) -> list[int]:
+        """Return the words for ``value``, rounded to a count that lies in ``low`` to ``high``.
+
+        Raises:
+            RegisterValueError: as `encode`, or there is no such count.
+        """
+        words = self.encode(value)
+        if self.data_type.is_float:
+            return words
+        # Scale times count misses round numbers by the last digits of a float64.
+        margin = 1e-6 * abs(self.scale)
+        beyond = self._beyond(words, low - margin, high + margin)
+        if beyond:
+            words = self.encode(self.decode(words).value - math.copysign(self.scale, beyond))
+        if self._beyond(words, low - margin, high + margin):
+            raise RegisterValueError(
+                f"{self.name}: none of its counts of {abs(self.scale):g} lies in {low:g} to "
+                f"{high:g}; widen that, or give the register more digits"
+            )
+        return words
+
+    def _beyond(self, words: Sequence[int], low: float, high: float) -> float:
+        """By how much the value of ``words`` is above ``high``, or (below 0) under ``low``."""
+        held = self.decode(words).value
+        return held - high if held > high else min(0.0, held - low)
+
     def with_bit(self, word: int, state: bool) -> int:
         """Return the register ``word`` with the tag's bit set to ``state``, the others kept."""
         if self.bit is None:

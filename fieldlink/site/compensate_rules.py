@@ -70,9 +70,10 @@ def _op_out_fits(
                 f"{wanted} is {owner}: OP would be written over it",
                 "name the tag from which the PLC takes this loop's OP",
             )
+        low, high = loop.compensate.low, loop.compensate.high
         for end in ("low", "high"):
             try:
-                tag.encode(getattr(loop.compensate, end))
+                tag.encode_inside(getattr(loop.compensate, end), low, high)
             except RegisterValueError as error:
                 yield source.problem(
                     ("loops", name, "compensate", end),

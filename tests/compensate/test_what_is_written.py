@@ -15,7 +15,16 @@ from fieldlink.compensate.service import CompensateService, Step, Verdict
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
 from fieldlink.links import LinkTimeoutError, Quality, Scan
 from fieldlink.links.base import Reading
-from fieldlink.registers import Bank, DataType, ParameterBlock, decode, encode_block
+from fieldlink.registers import (
+    Bank,
+    DataType,
+    ParameterBlock,
+    Table,
+    Tag,
+    decode,
+    encode_block,
+)
+from fieldlink.site import load_site
 from tests.compensate.test_service import AREA, make_site
 from tests.seeds import in_suite
 
@@ -218,4 +227,34 @@ async def test_writes_that_fail_let_go_of_the_loop_until_they_succeed(
     assert service.supervisor.memory.given_up == ()
     plc.takes_writes = True
     assert Verdict.WRITTEN in await run(150)
+    await service.close()
+
+
+async def test_a_register_of_whole_percent_does_not_round_op_beyond_its_limits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plc, site = Plc(1), make_site(tmp_path)
+    text = (tmp_path / "site.toml").read_text()
+    (tmp_path / "site.toml").write_text(text.replace("low = 20.0", "low = 50.4"))
+    site = load_site(tmp_path / "site.toml")
+    monkeypatch.setattr(service_module, "link_to", lambda *_, **__: plc)
+    percent = Tag("OUT", Table.HOLDING, 0, DataType.UINT16, writable=True)
+    monkeypatch.setattr(service_module, "op_out_of", lambda *_: percent)
+    service = CompensateService(site, "FC101", write=True, clock=plc, tell=lambda _: None)
+    await service.open()
+
+    async def take(address: int, words: Sequence[int]) -> None:
+        plc.written.append((address, list(words)))
+        plc.op, plc.client = float(words[0]), TIMEOUT
+
+    monkeypatch.setattr(plc, "write_registers", take)
+    plc.heal()
+    plc.sp = 50.0
+    for _ in range(150):
+        plc.cycle()
+        step = await service.step(float(plc.count))
+        assert step.verdict is not Verdict.WRITTEN or step.op == plc.op
+    written = [words[0] for address, words in plc.written if address == 0]
+    assert len(written) > 50
+    assert min(written) == 51
     await service.close()

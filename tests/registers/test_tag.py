@@ -55,3 +55,20 @@ def test_the_orders_of_the_device_are_used() -> None:
 def test_an_integer_tag_cannot_hold_nan() -> None:
     with pytest.raises(RegisterValueError, match=r"FC101\.OP: nan"):
         PERCENT.encode(math.nan)
+
+
+@pytest.mark.parametrize("scale", [1.0, -1.0, 0.3])
+@pytest.mark.parametrize("value", [20.5, 20.7, 50.4, 80.4, 80.5])
+def test_a_value_is_rounded_to_a_count_inside_its_limits(scale: float, value: float) -> None:
+    tag = Tag("OUT", Table.HOLDING, 0, DataType.INT16, scale=scale)
+    held = tag.decode(tag.encode_inside(value, 20.5, 80.5)).value
+    assert 20.5 <= held <= 80.5
+    assert abs(held - value) <= abs(scale)
+
+
+def test_round_limits_are_counts_and_limits_between_two_counts_are_refused() -> None:
+    tag = Tag("OUT", Table.HOLDING, 0, DataType.UINT16, scale=0.1)
+    assert tag.encode_inside(80.3, 0.0, 80.3) == [803]
+    assert tag.encode_inside(0.3, 0.3, 80.3) == [3]
+    with pytest.raises(RegisterValueError, match=r"none of its counts of 0\.1 lies in 80\.32 to"):
+        tag.encode_inside(80.34, 80.32, 80.38)
