@@ -327,7 +327,8 @@ class OpcuaSession:
                 "raise the timeout, or look at the server's load",
             ) from error
         except UaError as error:
-            raise self._unreachable(f"{what}: {status_of(error)}") from error
+            status = status_of(error)
+            raise self._unreachable(f"{what}: {status}", status) from error
         except OSError as error:
             raise self._unreachable(f"{what}: {error.strerror or error}") from error
         except UNREADABLE as error:
@@ -386,9 +387,10 @@ class OpcuaSession:
         help_text = help_for(status)
         return StatusError(self._name, f"{what}: status {status}", help_text)
 
-    def _unreachable(self, why: str) -> LinkUnreachableError:
+    def _unreachable(self, why: str, status: str = "") -> LinkUnreachableError:
+        usual = (
+            "check that the server runs, its address, its certificates and its limit of sessions"
+        )
         return LinkUnreachableError(
-            self._name,
-            f"no session with {self._device.where}: {why}",
-            "check that the server runs, its address, its certificates and its limit of sessions",
+            self._name, f"no session with {self._device.where}: {why}", help_for(status, usual)
         )

@@ -34,6 +34,8 @@ _HELP = {
     "BadIndexRangeInvalid": "the array is too short or the server does not support index ranges",
     "BadIndexRangeNoData": "the array is too short for the exchange area: lengthen it",
     "BadTypeMismatch": "make exchange_node an array of UInt16",
+    "BadTooManyOperations": "the server takes fewer nodes in one request: lower max_nodes in the "
+    "device's table opcua",
 }
 NOT_THERE = frozenset(
     {
@@ -115,9 +117,9 @@ def not_there(node: str) -> NodeValue:
     return NodeValue(None, status, good=False, refused=True)
 
 
-def help_for(status: str) -> str:
-    """Return what to do about a status code."""
-    return _HELP.get(status, "look at the server's diagnostics")
+def help_for(status: str, otherwise: str = "look at the server's diagnostics") -> str:
+    """Return what to do about a status code; ``otherwise`` where nothing special is known."""
+    return _HELP.get(status, otherwise)
 
 
 def status_of(error: Exception) -> str:

@@ -108,3 +108,16 @@ def test_check_warns_of_certificates_that_are_over(
     assert any(
         "server.pem cannot be read as a certificate" in warning for warning in check(site).warnings
     )
+
+
+async def test_a_server_that_takes_fewer_nodes_in_one_request_is_told_with_the_key(
+    make_opcua_site: Callable[..., Site], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = OpcuaSession("plc", *_device(make_opcua_site(1)), SystemClock())
+
+    async def refuse(_: object) -> None:
+        raise ua.UaStatusCodeError(ua.StatusCodes.BadTooManyOperations)
+
+    monkeypatch.setattr(session._client.uaclient, "read", refuse)
+    with pytest.raises(LinkError, match=r"BadTooManyOperations; .*: lower max_nodes"):
+        await session.read_words("ns=1;s=E", 0, 2)
