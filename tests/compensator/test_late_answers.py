@@ -1,6 +1,7 @@
 """Models whose answer comes too soon, whose lag is a level, whose gain is far too large."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from compensator.supervising.loop_judge import LoopJudge
 from compensator.supervising.watch import WatchVerdict
 from fieldlink.lab.study.closed_loop import Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
+from tests.seeds import few_and_all, in_suite
 
 VALVE = ValveModel(6.0, 2.0)
 LAG = ProcessModel((-0.9355,), (0.0645,), 10, 0.0, 1.0)
@@ -40,11 +42,14 @@ def compensated(
     return supervisor, error, stem
 
 
-def test_a_dead_time_three_samples_too_short_does_not_chase_its_own_moves() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(2, range(1, 6)))
+def test_a_dead_time_three_samples_too_short_does_not_chase_its_own_moves(
+    seeds: Sequence[int],
+) -> None:
     """Without a tracker of the later answer each of these loops was given back for its travel."""
     model = LoopModel(VALVE, ProcessModel(LAG.a, LAG.b, 7, 0.0, 1.0))
-    runs = [compensated(LAG, model, PiSettings(0.28, 12.0), 2.4, 0.1, n) for n in range(1, 6)]
-    assert sum(supervisor.compensating for supervisor, _, _ in runs) >= 4
+    runs = [compensated(LAG, model, PiSettings(0.28, 12.0), 2.4, 0.1, n) for n in seeds]
+    assert sum(supervisor.compensating for supervisor, _, _ in runs) >= 0.8 * len(seeds)
     assert all(np.abs(np.diff(stem[820:])).sum() < 40.0 for _, _, stem in runs)
 
 
@@ -60,7 +65,7 @@ def test_a_dead_time_six_samples_too_long_is_seen_through() -> None:
     assert np.median(travels) < 40.0
 
 
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", in_suite(2, range(1, 5)))
 def test_a_level_taken_for_a_slow_lag_does_not_leave_its_range(seed: int) -> None:
     own = PiSettings(1.4, 40.0)
     _, error, _ = compensated(LEVEL, LoopModel(VALVE, LEVEL_AS_LAG), own, 1.0, 0.06, seed)

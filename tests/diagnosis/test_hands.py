@@ -72,7 +72,7 @@ def test_what_may_be_a_hand_is_never_called_quiet(kind: str) -> None:
         assert answer.first.name is not CauseName.QUIET
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 5, 6, 7])
+@pytest.mark.parametrize("seed", in_suite(3, [1, 2, 3, 5, 6, 7]))
 def test_op_that_answers_no_error_is_not_called_quiet(seed: int) -> None:
     # a hand moves OP every few samples: no run is long enough to be held
     rng = np.random.default_rng(seed)

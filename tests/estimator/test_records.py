@@ -10,6 +10,7 @@ from estimator import ReasonCode, Verdict, identify
 from estimator.cleaning import find_held, find_slow_transmitter
 from estimator.evidence.records import informed_share
 from loop_model import ValveModel
+from tests.seeds import cases_in_suite
 
 Array = NDArray[np.float64]
 
@@ -168,7 +169,9 @@ def _measured_slowly(
     return op, pv
 
 
-@pytest.mark.parametrize(("every", "jitter"), [(2, 0), (3, 0), (6, 0), (6, 1), (12, 0)])
+@pytest.mark.parametrize(
+    ("every", "jitter"), cases_in_suite(3, [(2, 0), (6, 1), (12, 0), (3, 0), (6, 0)])
+)
 def test_a_healthy_valve_is_not_accused_by_a_transmitter_slower_than_the_scan(
     every: int, jitter: int
 ) -> None:
