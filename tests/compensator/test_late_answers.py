@@ -53,14 +53,15 @@ def test_a_dead_time_three_samples_too_short_does_not_chase_its_own_moves(
     assert all(np.abs(np.diff(stem[820:])).sum() < 40.0 for _, _, stem in runs)
 
 
-def test_a_dead_time_six_samples_too_long_is_seen_through() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(2, range(1, 5)))
+def test_a_dead_time_six_samples_too_long_is_seen_through(seeds: Sequence[int]) -> None:
     """Without trackers of shorter dead times each of these levels was given back, after the stem
     had travelled 85 to 220.
     """
     late = ProcessModel(LEVEL.a, LEVEL.b, LEVEL.dead_time + 6, LEVEL.offset, 1.0)
     model = LoopModel(VALVE, late)
-    runs = [compensated(LEVEL, model, PiSettings(1.4, 40.0), 1.0, 0.02, n) for n in range(1, 5)]
-    assert sum(supervisor.compensating for supervisor, _, _ in runs) >= 3
+    runs = [compensated(LEVEL, model, PiSettings(1.4, 40.0), 1.0, 0.02, n) for n in seeds]
+    assert sum(supervisor.compensating for supervisor, _, _ in runs) >= 0.75 * len(seeds)
     travels = [np.abs(np.diff(stem[820:])).sum() for _, _, stem in runs]
     assert np.median(travels) < 40.0
 
