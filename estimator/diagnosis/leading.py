@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from estimator.arrays import Array
 from estimator.diagnosis.settings import Grouping
@@ -45,7 +45,7 @@ def chance_of_lead(source: Array, target: Array, grouping: Grouping) -> float:
     (Wilks 1938), whatever the spectra: each signal's own past is accounted for.
     """
     gain = _gain(source, target, grouping.order)
-    return float(chi2.logsf(2.0 * gain, grouping.order)) if math.isfinite(gain) else 0.0
+    return float(scipy.stats.chi2.logsf(2.0 * gain, grouping.order)) if math.isfinite(gain) else 0.0
 
 
 def _gain(source: Array, target: Array, order: int) -> float:

@@ -19,8 +19,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft, signal, special
+from scipy import fft, special
 
 from estimator.arrays import Array
 from estimator.diagnosis.settings import DIAGNOSIS, Judging, Swinging
@@ -112,8 +113,8 @@ def detect_oscillations(
     flat = float(np.ptp(x)) <= 1e-12 * max(1.0, float(np.abs(x).max()))
     if x.size < settings.least_samples or flat:
         return ()
-    x = np.asarray(signal.detrend(x))
-    power = np.abs(fft.rfft(x * signal.windows.hann(x.size, sym=False))) ** 2
+    x = np.asarray(scipy.signal.detrend(x))
+    power = np.abs(fft.rfft(x * scipy.signal.windows.hann(x.size, sym=False))) ** 2
     spectrum, padded = _mirrored_spectrum(x)
     found: list[Oscillation] = []
     for frequency in _peaks(power, x.size, settings):
@@ -150,7 +151,7 @@ def has_steady_period(one: Oscillation, judging: Judging) -> bool:
 
 def band_of(x: Array, frequency: float, settings: Swinging = DIAGNOSIS.swinging) -> Array:
     """The part of a signal ``(n,)`` in the band around a frequency (cycles a sample)."""
-    spectrum, padded = _mirrored_spectrum(np.asarray(signal.detrend(x)))
+    spectrum, padded = _mirrored_spectrum(np.asarray(scipy.signal.detrend(x)))
     return _filtered(spectrum, padded, x.size, frequency, settings)
 
 

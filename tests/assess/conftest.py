@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +13,34 @@ import pytest
 
 from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.families.tuning import draw
+from fieldlink.assess.workers import watched
 from tests.cli.typed import run_typed
+
+UNREHEARSED = (
+    sys.executable,
+    "-c",
+    "import estimator; estimator.warm_up = lambda: None; "
+    "from fieldlink.assess.workers.worker import main; main()",
+)
+"""A worker that loads a kernel when a window needs it: rehearsing all of them takes three seconds
+of a processor for each run that a test makes, and its windows are few."""
+
+
+@contextmanager
+def unrehearsed_workers() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(watched, "PROCESS", UNREHEARSED)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _unrehearsed(request: pytest.FixtureRequest) -> Iterator[None]:
+    """In all files but that about the workers themselves."""
+    if request.path.name == "test_workers.py":
+        yield
+        return
+    with unrehearsed_workers():
+        yield
 
 
 @dataclass(frozen=True)
@@ -55,6 +85,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory, sticky: Recorded, healthy: 
     (root / "PC104.csv").write_text("op,pv\n" + "1.0,2.0\n" * 60 + "1.0,off\n")
     (root / "notes.txt").write_text("not a recording\n")
     # Inside what is read: the tables of a run are not recordings.
-    done = run_typed(root, "assess", root, "--out", root / "out", "--workers", 1)
+    with unrehearsed_workers():
+        done = run_typed(root, "assess", root, "--out", root / "out", "--workers", 1)
     assert done.returncode == 1, done.stderr
     return root

@@ -61,7 +61,7 @@ def test_a_refusal_and_the_run_of_an_fmu_load_no_numerics_that_they_do_not_use()
 
 def test_neither_estimator_nor_compensator_loads_what_takes_longer_than_itself() -> None:
     """Every worker of a daemon, every command and a PLC's simulation begins with them."""
-    code = "import compensator, estimator, fieldlink.lab.plc"
+    code = "import compensator, estimator.diagnosis, fieldlink.lab.plc"
     slow = {"casadi", "matplotlib", "pandas", "scipy.optimize", "scipy.signal", "scipy.stats"}
     assert not loaded_by(code, among=slow)
 

@@ -13,6 +13,7 @@ from compensator.stem_tracking.tracker_settings import TrackerSettings
 from compensator.stem_tracking.tracking import NOISE_KINDS
 from fieldlink.lab.study.closed_loop import Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
+from tests.seeds import in_suite
 
 VALVE = ValveModel(6.0, 2.0)
 SLOW = ProcessModel((-(30.0 / 31.0),), (1.0 / 31.0,), 9, 0.0, 1.0)
@@ -72,7 +73,7 @@ def test_a_tracker_of_a_load_that_walks_follows_it_closer(seed: int) -> None:
     assert missed[1] < 0.9 * missed[0]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", in_suite(2, range(5)))
 def test_a_load_that_rests_is_not_taken_for_one_that_walks(seed: int) -> None:
     compensator = HybridMpc(LoopModel(VALVE, SLOW))
     for value in np.random.default_rng(seed).normal(0.0, 0.1, 500):
@@ -105,7 +106,7 @@ def _stem_under_drift(slope: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return stem, error
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", in_suite(1, range(3)))
 def test_the_stem_goes_after_a_drifting_load_without_ways_there_and_back(seed: int) -> None:
     slope = 0.05
     stem, error = _stem_under_drift(slope, seed)

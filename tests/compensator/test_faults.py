@@ -174,14 +174,21 @@ class LoopUnderStress(RuleBasedStateMachine):
             assert 0.0 <= self.op <= 100.0
 
 
-LoopUnderStress.TestCase.settings = settings(
-    max_examples=12,
+class LoopUnderMoreStress(LoopUnderStress):
+    """The same for longer."""
+
+
+BRIEF = settings(
+    max_examples=7,
     stateful_step_count=8,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
+LoopUnderStress.TestCase.settings = BRIEF
 TestLoopUnderStress = LoopUnderStress.TestCase
+LoopUnderMoreStress.TestCase.settings = settings(BRIEF, max_examples=30)
+TestLoopUnderMoreStress = pytest.mark.thorough(LoopUnderMoreStress.TestCase)
 
 
 @pytest.mark.parametrize("process", sorted(PROCESSES))

@@ -1,6 +1,7 @@
 """The compensator on sticky valves: exact parameters, wrong ones, other processes, take-over."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +30,7 @@ from fieldlink.lab.study.closed_loop import (
     run,
 )
 from loop_model import LoopModel, ProcessModel, ValveModel
-from tests.seeds import in_suite
+from tests.seeds import cases_in_suite, few_and_all, in_suite
 
 NOISE = {"example1": 0.01, "example2": 10**-1.5}
 EXAMPLES = {"example1": EXAMPLE_1, "example2": EXAMPLE_2}
@@ -57,12 +58,15 @@ class TakeOver:
 
 
 @pytest.mark.parametrize("name", in_suite(1, EXAMPLES))
-def test_on_the_paper_s_loops_noise_alone_is_left_of_the_oscillation(name: str) -> None:
+@pytest.mark.parametrize("seeds", few_and_all(3, range(8)))
+def test_on_the_paper_s_loops_noise_alone_is_left_of_the_oscillation(
+    name: str, seeds: Sequence[int]
+) -> None:
     example, sigma = EXAMPLES[name], NOISE[name]
     rest = example.process.gain * 50.0
     held = held_stem_std(example.process, sigma, 0.0)
     after, before, offsets, travel, reversals = [], [], [], [0.0, 0.0], [0, 0]
-    for seed in range(8):
+    for seed in seeds:
         study = Study(
             [(0, rest), (10, rest + 2.5)], 1200, equation_noise=sigma, seed=seed, stem0=48.0
         )
@@ -81,20 +85,14 @@ def test_on_the_paper_s_loops_noise_alone_is_left_of_the_oscillation(name: str) 
     assert abs(np.mean(offsets)) < 0.35 * held
 
 
+FRICTIONS = [(0.8, 0.8), (1.2, 1.2), (0.8, 1.2), (1.0, 0.8), (1.0, 1.2), (1.2, 0.8)]
+
+
 @pytest.mark.parametrize("name", EXAMPLES)
-@pytest.mark.parametrize(
-    ("static", "dynamic"),
-    [
-        (0.8, 0.8),
-        (1.2, 1.2),
-        *(
-            pytest.param(*one, marks=pytest.mark.thorough)
-            for one in ((0.8, 1.2), (1.0, 0.8), (1.0, 1.2), (1.2, 0.8))
-        ),
-    ],
-)
+@pytest.mark.parametrize(("static", "dynamic"), cases_in_suite(2, FRICTIONS))
+@pytest.mark.parametrize("seeds", few_and_all(2, range(4)))
 def test_with_wrong_frictions_it_is_no_worse_than_the_unaware(
-    name: str, static: float, dynamic: float
+    name: str, static: float, dynamic: float, seeds: Sequence[int]
 ) -> None:
     example, sigma = EXAMPLES[name], NOISE[name]
     valve = example.valve
@@ -102,7 +100,7 @@ def test_with_wrong_frictions_it_is_no_worse_than_the_unaware(
     wrong = ValveModel.from_friction(fs, dynamic * valve.dynamic_friction)
     rest = example.process.gain * 50.0
     before, after = [], []
-    for seed in range(4):
+    for seed in seeds:
         study = Study(
             [(0, rest), (10, rest + 2.5)], 900, equation_noise=sigma, seed=seed, stem0=48.0
         )

@@ -1,6 +1,7 @@
 """Models whose answer comes too soon, whose lag is a level, whose gain is far too large."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from compensator.supervising.loop_judge import LoopJudge
 from compensator.supervising.watch import WatchVerdict
 from fieldlink.lab.study.closed_loop import Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
+from tests.seeds import few_and_all, in_suite
 
 VALVE = ValveModel(6.0, 2.0)
 LAG = ProcessModel((-0.9355,), (0.0645,), 10, 0.0, 1.0)
@@ -40,27 +42,31 @@ def compensated(
     return supervisor, error, stem
 
 
-def test_a_dead_time_three_samples_too_short_does_not_chase_its_own_moves() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(2, range(1, 6)))
+def test_a_dead_time_three_samples_too_short_does_not_chase_its_own_moves(
+    seeds: Sequence[int],
+) -> None:
     """Without a tracker of the later answer each of these loops was given back for its travel."""
     model = LoopModel(VALVE, ProcessModel(LAG.a, LAG.b, 7, 0.0, 1.0))
-    runs = [compensated(LAG, model, PiSettings(0.28, 12.0), 2.4, 0.1, n) for n in range(1, 6)]
-    assert sum(supervisor.compensating for supervisor, _, _ in runs) >= 4
+    runs = [compensated(LAG, model, PiSettings(0.28, 12.0), 2.4, 0.1, n) for n in seeds]
+    assert sum(supervisor.compensating for supervisor, _, _ in runs) >= 0.8 * len(seeds)
     assert all(np.abs(np.diff(stem[820:])).sum() < 40.0 for _, _, stem in runs)
 
 
-def test_a_dead_time_six_samples_too_long_is_seen_through() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(2, range(1, 5)))
+def test_a_dead_time_six_samples_too_long_is_seen_through(seeds: Sequence[int]) -> None:
     """Without trackers of shorter dead times each of these levels was given back, after the stem
     had travelled 85 to 220.
     """
     late = ProcessModel(LEVEL.a, LEVEL.b, LEVEL.dead_time + 6, LEVEL.offset, 1.0)
     model = LoopModel(VALVE, late)
-    runs = [compensated(LEVEL, model, PiSettings(1.4, 40.0), 1.0, 0.02, n) for n in range(1, 5)]
-    assert sum(supervisor.compensating for supervisor, _, _ in runs) >= 3
+    runs = [compensated(LEVEL, model, PiSettings(1.4, 40.0), 1.0, 0.02, n) for n in seeds]
+    assert sum(supervisor.compensating for supervisor, _, _ in runs) >= 0.75 * len(seeds)
     travels = [np.abs(np.diff(stem[820:])).sum() for _, _, stem in runs]
     assert np.median(travels) < 40.0
 
 
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", in_suite(2, range(1, 5)))
 def test_a_level_taken_for_a_slow_lag_does_not_leave_its_range(seed: int) -> None:
     own = PiSettings(1.4, 40.0)
     _, error, _ = compensated(LEVEL, LoopModel(VALVE, LEVEL_AS_LAG), own, 1.0, 0.06, seed)

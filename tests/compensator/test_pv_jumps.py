@@ -103,7 +103,7 @@ def test_spikes_in_one_scan_of_a_hundred_cost_no_model(seed: int) -> None:
     assert loop.std(700) < 0.5 * loop.std(50, 400)
 
 
-@pytest.mark.parametrize("value", in_suite(2, [3e38, -1.7e308, 1e10, -1e30, 1e200]))
+@pytest.mark.parametrize("value", in_suite(1, [-1.7e308, 3e38, 1e10, -1e30, 1e200]))
 @pytest.mark.parametrize("scans", [3, 20])
 def test_an_absurd_pv_gives_the_loop_back_for_a_while_at_most(value: float, scans: int) -> None:
     loop = Loop()

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from compensator import HybridMpc, HybridSettings, MpcSettings, OpLimits, Predic
 from compensator.hybrid.moves import LeastMoves, MovePlanner, Ramp
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, Study, assess, run
 from loop_model import LoopModel, ProcessModel, ValveModel
+from tests.seeds import few_and_all
 
 LAG = ProcessModel((-0.7,), (0.3,), 1, 0.0, 1.0)
 REST = EXAMPLE_1.process.gain * 50.0
@@ -88,10 +90,13 @@ def test_no_plan_that_keeps_the_ramp_is_better(sp: float) -> None:
         ),
     ],
 )
-def test_a_slow_op_still_takes_the_oscillation_away(rate: float, share: float) -> None:
+@pytest.mark.parametrize("seeds", few_and_all(2, range(4)))
+def test_a_slow_op_still_takes_the_oscillation_away(
+    rate: float, share: float, seeds: Sequence[int]
+) -> None:
     limits = OpLimits(rate=rate)
     good, bad = [], []
-    for seed in range(4):
+    for seed in seeds:
         study = Study(
             [(0, REST), (10, REST + 4.0)], 700, equation_noise=0.01, seed=seed, stem0=48.0
         )

@@ -44,7 +44,7 @@ def compensate(seed: int, model: LoopModel) -> Loop:
     return loop
 
 
-@pytest.mark.parametrize("seed", in_suite(2, range(1, 9)))
+@pytest.mark.parametrize("seed", in_suite(1, range(1, 9)))
 @pytest.mark.parametrize("factor", [0.6, 1.6, 2.2])
 def test_a_wrong_slip_jump_within_its_interval_moves_the_valve_no_more(
     factor: float, seed: int

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from typing import Any
 
 import pytest
@@ -20,6 +20,12 @@ LAYOUT = ExchangeLayout.at(100)
 def live() -> Any:
     """What the tests of the live daemon share: sites, plants, running daemons."""
     return tests.daemon.live
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _unrehearsed() -> Iterator[None]:
+    with tests.daemon.live.unrehearsed_pools():
+        yield
 
 
 @pytest.fixture

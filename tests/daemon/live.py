@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import struct
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from fieldlink.daemon import Daemon, PoolSettings
+from fieldlink.daemon.estimation.pool import EstimatorPool, _nothing
 from fieldlink.site import Site, load_site
 from fieldlink.store import HistorianSettings
 
@@ -29,6 +30,24 @@ OP,holding,0,float32
 PV,holding,2,float32
 SCAN,holding,4,uint16
 """
+
+
+class UnrehearsedPool(EstimatorPool):
+    """Its workers load a kernel when a window needs it, not all of them beforehand.
+
+    The rehearsal takes three seconds of a processor for each daemon that a test starts, and most
+    judge no window or one. `test_pool` and the tests of whole commands rehearse.
+    """
+
+    def __init__(self, settings: PoolSettings) -> None:
+        super().__init__(settings, prepare=_nothing)
+
+
+@contextmanager
+def unrehearsed_pools() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fieldlink.daemon.estimation.judging.EstimatorPool", UnrehearsedPool)
+        yield
 
 
 class Plant:
@@ -112,14 +131,15 @@ def site_for(
 async def running(site: Site, **options: Any) -> AsyncIterator[Daemon]:
     daemon = Daemon(site, store=STORE, pool=POOL, **options)
     stop = asyncio.Event()
-    task = asyncio.create_task(daemon.run(stop=stop))
-    try:
-        yield daemon
-        stop.set()
-        await task
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+    with unrehearsed_pools():
+        task = asyncio.create_task(daemon.run(stop=stop))
+        try:
+            yield daemon
+            stop.set()
+            await task
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
 
 
 async def until(condition: Callable[[], bool], what: str, tries: int = 30_000) -> None:

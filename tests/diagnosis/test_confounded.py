@@ -9,6 +9,7 @@ from benchmarks.diagnosis_families.tuning.events import draw_event
 from benchmarks.diagnosis_families.tuning.paced import draw_paced
 from benchmarks.diagnosis_families.tuning.singles import draw_loop
 from fieldlink.diagnosis import Diagnosis, LoopSignals, diagnose, find_groups
+from tests.seeds import cases_in_suite
 
 
 def found(loop: object) -> Diagnosis:
@@ -72,13 +73,16 @@ def test_a_well_tuned_loop_whose_error_lasts_is_quiet_where_surely_no_room_is_le
 
 @pytest.mark.parametrize(
     ("plant", "seed", "names"),
-    [
-        ("heat", 20000, ("LC101", "LC102", "LC106")),
-        ("heat", 20021, ("LC103", "LC105")),
-        ("recycle", 20009, ("LC104", "LC106")),
-        ("cascade", 5000, ("LC105", "LC107")),
-        ("header", 5005, ("LC102", "LC103")),
-    ],
+    cases_in_suite(
+        3,
+        [
+            ("recycle", 20009, ("LC104", "LC106")),
+            ("cascade", 5000, ("LC105", "LC107")),
+            ("heat", 20021, ("LC103", "LC105")),
+            ("header", 5005, ("LC102", "LC103")),
+            ("heat", 20000, ("LC101", "LC102", "LC106")),
+        ],
+    ),
 )
 def test_amplified_noise_of_neighbours_is_no_event(
     plant: str, seed: int, names: tuple[str, ...]

@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 from estimator.controller.shifts import find_shift
 from fieldlink.diagnosis import read_controller
 from tests.closed_loop import Loop, run
+from tests.seeds import in_suite
 
 
 @pytest.mark.parametrize(("gain", "process_gain"), [(0.8, 1.5), (-0.8, -1.5)])
@@ -71,7 +72,7 @@ def answers(loop: Loop, *, filtered: str, derivative: float = 0.0, pole: float =
     return op
 
 
-@pytest.mark.parametrize("seed", range(1, 21))
+@pytest.mark.parametrize("seed", in_suite(8, range(1, 21)))
 @pytest.mark.parametrize(("filtered", "derivative"), [("pv", 0.0), ("derivative", 3.0)])
 def test_a_filter_beside_set_point_steps_hides_no_settings(
     filtered: str, derivative: float, seed: int
@@ -88,7 +89,7 @@ def test_a_filter_beside_set_point_steps_hides_no_settings(
     assert found.filter_time_s == pytest.approx(-2.0 / np.log(0.6), rel=0.01)
 
 
-@pytest.mark.parametrize("seed", range(1, 21))
+@pytest.mark.parametrize("seed", in_suite(8, range(1, 21)))
 def test_the_mean_of_several_scans_is_not_what_the_controller_saw(seed: int) -> None:
     loop = run(noise=0.1, n=4500, seed=seed)
     op, pv, sp = (one.reshape(-1, 3).mean(axis=1) for one in (loop.op, loop.pv, loop.sp))

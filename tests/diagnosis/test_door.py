@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
 from estimator import EstimatorError, Verdict, identify
 from fieldlink.diagnosis import diagnose
 from tests.closed_loop import run
-from tests.seeds import in_suite
+from tests.seeds import few_and_all, in_suite
 
 
 @pytest.mark.parametrize("samples", in_suite(3, [20, 50, 80, 35, 55, 60]))
-def test_a_short_record_has_an_answer(samples: int) -> None:
+@pytest.mark.parametrize("seeds", few_and_all(3, range(10)))
+def test_a_short_record_has_an_answer(samples: int, seeds: Sequence[int]) -> None:
     # its past is shorter than the long noise model of the advice
-    for seed in range(10):
+    for seed in seeds:
         loop = run(seed=seed, n=200, gain=1.6)
         part = slice(100, 100 + samples)
         found = diagnose(loop.op[part], loop.pv[part], loop.sp[part])

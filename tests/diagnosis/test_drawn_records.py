@@ -7,6 +7,7 @@ import pytest
 
 from fieldlink.diagnosis import diagnose
 from tests.closed_loop import run
+from tests.seeds import in_suite
 
 
 def drawn(signal: np.ndarray) -> np.ndarray:
@@ -15,7 +16,7 @@ def drawn(signal: np.ndarray) -> np.ndarray:
     return np.asarray(np.interp(np.arange(signal.size), at, signal[at]))
 
 
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", in_suite(2, range(1, 5)))
 @pytest.mark.parametrize("gain", [0.8, 0.1])
 def test_well_tuned_and_slow_loops_are_not_told_apart_on_drawn_lines(
     gain: float, seed: int

@@ -49,7 +49,7 @@ def test_the_gap_shows_in_the_errors_with_which_op_stands_still(gap: float, seed
 
 
 @pytest.mark.parametrize("gap", [0.3, 0.6, 1.0])
-@pytest.mark.parametrize("seed", in_suite(2, range(1, 6)))
+@pytest.mark.parametrize("seed", in_suite(1, range(1, 6)))
 def test_a_well_tuned_loop_with_a_gap_is_neither_in_manual_nor_slow(gap: float, seed: int) -> None:
     names = {cause.name for cause in found(loop_with_gap(gap, seed)).causes}
     assert names <= {"quiet", "undetermined"}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from fieldlink.diagnosing import Plant
 from fieldlink.diagnosis import LoopSignals, diagnose, find_groups
 from fieldlink.diagnosis_pictures import group_figure
 from tests.closed_loop import Loop, run
-from tests.seeds import in_suite
+from tests.seeds import few_and_all, in_suite
 
 
 def signals(loop: Loop, every: int = 1) -> LoopSignals:
@@ -46,7 +48,7 @@ def wander(seed: int) -> NDArray[np.float64]:
     return np.asarray(3.0 * load / load.std())
 
 
-@pytest.mark.parametrize("seed", in_suite(2, [1, 2, 3]))
+@pytest.mark.parametrize("seed", in_suite(1, [2, 1, 3]))
 def test_a_sticky_valve_without_a_period_is_the_source_of_what_its_past_tells(seed: int) -> None:
     source = run(band=6.0, jump=4.0, seed=seed, load=wander(100 + seed))
     load = 0.6 * (source.op - source.op.mean()) + wander(200 + seed)
@@ -66,9 +68,9 @@ def test_a_sticky_valve_without_a_period_is_the_source_of_what_its_past_tells(se
     ("plant", "seed"),
     [
         ("cascade", 72004),
-        ("cascade", 300),
-        pytest.param("cascade", 72007, marks=pytest.mark.thorough),
         ("recycle", 72102),
+        pytest.param("cascade", 300, marks=pytest.mark.thorough),
+        pytest.param("cascade", 72007, marks=pytest.mark.thorough),
     ],
 )
 def test_a_slave_or_a_valve_of_several_motions_may_be_the_source(plant: str, seed: int) -> None:
@@ -110,11 +112,16 @@ def test_hardly_a_steady_wave_finds_a_source() -> None:
     assert sum(one is None for one in answers) >= 4
 
 
-def test_a_tight_loop_of_wandering_amplitude_is_the_source() -> None:
-    # of these one is undetermined by itself, and one has a period 11 % from its group's
-    events = [("header", 5004), ("cascade", 5001), ("header", 5000), ("heat", 5002)]
+# of these one is undetermined by itself, and one has a period 11 % from its group's
+TIGHT = [("cascade", 5001), ("heat", 5002), ("header", 5004), ("header", 5000)]
+
+
+@pytest.mark.parametrize("events", few_and_all(2, TIGHT))
+def test_a_tight_loop_of_wandering_amplitude_is_the_source(
+    events: Sequence[tuple[str, int]],
+) -> None:
     answers = [first_candidate(plant, "tight_tuning", seed) for plant, seed in events]
-    assert sum(found == origin for found, origin in answers) >= 3
+    assert sum(found == origin for found, origin in answers) >= 0.75 * len(events)
 
 
 def test_loops_that_swing_each_for_themselves_are_no_group() -> None:

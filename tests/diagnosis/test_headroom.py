@@ -11,6 +11,7 @@ from estimator.diagnosis.headroom import probability_of_headroom
 from estimator.diagnosis.settings import Headroom
 from fieldlink.diagnosis import diagnose, read_controller
 from tests.closed_loop import run
+from tests.seeds import cases_in_suite
 
 
 def probability(gain: float, seed: int) -> float:
@@ -29,8 +30,8 @@ def test_a_tenth_of_the_robust_gain_leaves_room_and_the_robust_one_none() -> Non
 
 @pytest.mark.parametrize(
     ("kind", "seed"),
-    [("quiet", seed) for seed in (8202, 8208, 8215)]
-    + [("slow_tuning", seed) for seed in (8210, 8221, 8225, 8324, 8339)],
+    cases_in_suite(2, [("quiet", seed) for seed in (8202, 8208, 8215)])
+    + cases_in_suite(2, [("slow_tuning", seed) for seed in (8210, 8221, 8225, 8324, 8339)]),
 )
 def test_smooth_loads_and_slow_tuning_are_told_apart_where_noise_shows_it(
     kind: str, seed: int

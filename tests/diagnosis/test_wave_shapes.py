@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from estimator.diagnosis.explanations import explain
 from fieldlink.diagnosis import CauseName, Diagnosis, diagnose
 from tests.closed_loop import Loop, run
+from tests.seeds import few_and_all
 
 K = np.arange(1500)
 
@@ -37,15 +41,18 @@ def test_a_wave_whose_size_changes_is_no_tight_tuning() -> None:
     assert answer.first.name == "external_oscillation"
 
 
-def test_a_machine_whose_load_changes_all_the_time_is_no_tight_tuning() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(2, range(4)))
+def test_a_machine_whose_load_changes_all_the_time_is_no_tight_tuning(
+    seeds: Sequence[int],
+) -> None:
     named = []
-    for seed in range(4):
+    for seed in seeds:
         k = np.arange(2400)
         size = 1.0 + 0.45 * drift(seed, 0.99, k.size)
         wave = 4.0 * size * np.sin(2.0 * np.pi * k / 30.0)
         answer = found(run(load=wave, gain=1.2, n=k.size, seed=seed))
         named.append(answer.first.name)
-    assert named.count(CauseName.EXTERNAL_OSCILLATION) >= 3
+    assert named.count(CauseName.EXTERNAL_OSCILLATION) >= 0.75 * len(seeds)
     assert CauseName.TIGHT_TUNING not in named
 
 

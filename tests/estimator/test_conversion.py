@@ -13,7 +13,7 @@ from estimator.rows import rows_of
 from estimator.settings import SETTINGS
 from estimator.window import harmonise
 from loop_model import ProcessModel, ValveModel
-from tests.seeds import in_suite
+from tests.seeds import few_and_all, in_suite
 
 N = 240
 CASES = (
@@ -70,14 +70,15 @@ def _continued(model: ProcessModel, stem: np.ndarray, before: np.ndarray, known:
 
 
 @pytest.mark.parametrize("integrating", in_suite(1, [True, False]))
-def test_the_model_for_the_controller_simulates_the_loop(loop, integrating) -> None:
+@pytest.mark.parametrize("seeds", few_and_all(7, range(20)))
+def test_the_model_for_the_controller_simulates_the_loop(loop, integrating, seeds) -> None:
     """From the true stem, which nobody measures; what is wrong with the valve, an integrator sums.
 
     An integrating process shows a wrong first position of the stem: the valve then slips at other
     samples all through the window.
     """
     left = []
-    for seed in range(20):
+    for seed in seeds:
         op, pv, stem = loop(ValveModel(5.0, 2.0), samples=500, integrating=integrating, seed=seed)
         model = identify(op, pv).model
         assert model is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -15,6 +16,7 @@ from estimator.identifiability import identifiability
 from estimator.intervals.posterior import Peak
 from estimator.result import Interval, Process
 from loop_model import ProcessModel
+from tests.seeds import few_and_all
 
 UNKNOWN = Interval.unknown()
 SHARP = Estimate(
@@ -78,13 +80,14 @@ def test_runners_up_are_in_order_and_behind(sticky_window) -> None:
     assert "healthy valve" in {one.explanation for one in found}
 
 
-def test_pv_that_has_nothing_to_do_with_op_is_seldom_followed() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(6, range(20)))
+def test_pv_that_has_nothing_to_do_with_op_is_seldom_followed(seeds: Sequence[int]) -> None:
     # the likeliest of a thousand processes fits a little of any PV that wanders
     verdicts = []
-    for seed in range(20):
+    for seed in seeds:
         rng = np.random.default_rng(seed)
         op = lfilter([1.0], [1.0, -0.97], rng.normal(size=600))
         pv = lfilter([1.0], [1.0, -0.8], rng.normal(size=600))
         verdicts.append(identify(op, pv).verdict)
-    assert verdicts.count(Verdict.NOT_ASSESSABLE) >= 15
+    assert verdicts.count(Verdict.NOT_ASSESSABLE) >= 0.75 * len(seeds)
     assert Verdict.STICTION not in verdicts

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from estimator import identify
@@ -13,6 +14,7 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.intervals.posterior import EXACT, sample_posterior
 from estimator.processes.poles import Poles, Shape
 from loop_model import ValveModel
+from tests.seeds import few_and_all
 
 Array = NDArray[np.float64]
 CaseOf = Callable[..., Case]
@@ -37,13 +39,14 @@ def _slow_record(seed: int, scans: int = 2700) -> tuple[Array, Array]:
     return op[200::EVERY], pv[200::EVERY]
 
 
-def test_a_record_slower_than_the_scan_shows_the_stick_band() -> None:
-    found = [identify(*_slow_record(seed), period=float(EVERY)) for seed in range(20)]
+@pytest.mark.parametrize("seeds", few_and_all(7, range(20)))
+def test_a_record_slower_than_the_scan_shows_the_stick_band(seeds: Sequence[int]) -> None:
+    found = [identify(*_slow_record(seed), period=float(EVERY)) for seed in seeds]
     errors = [abs(one.stick_band.value / VALVE.stick_band - 1.0) for one in found]
     # turns that no sample shows cost a seventh of S where they are not thought of
     assert np.median(errors) < 0.09
-    assert sum(VALVE.stick_band in one.stick_band for one in found) >= 16
-    assert sum(VALVE.slip_jump in one.slip_jump for one in found) >= 16
+    assert sum(VALVE.stick_band in one.stick_band for one in found) >= 0.8 * len(seeds)
+    assert sum(VALVE.slip_jump in one.slip_jump for one in found) >= 0.8 * len(seeds)
 
 
 BAND = 0.8

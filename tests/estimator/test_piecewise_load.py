@@ -74,7 +74,7 @@ def test_it_is_found_with_the_process_behind_a_healthy_valve(case, at_valve: boo
     assert sorted(sorted(sizes, key=lambda row: -sizes[row])[:2]) == [200, 500]
 
 
-@pytest.mark.parametrize("seed", in_suite(4, range(1, 11)))
+@pytest.mark.parametrize("seed", in_suite(2, range(1, 11)))
 @pytest.mark.parametrize("at_valve", [True, False])
 def test_a_healthy_valve_under_load_steps_is_not_accused(seed: int, at_valve: bool) -> None:
     steps = load_steps(900, 70.0, seed)
@@ -84,7 +84,7 @@ def test_a_healthy_valve_under_load_steps_is_not_accused(seed: int, at_valve: bo
     assert result.verdict is not Verdict.STICTION
 
 
-@pytest.mark.parametrize("seed", range(1, 7))
+@pytest.mark.parametrize("seed", in_suite(3, range(1, 7)))
 def test_a_sticky_valve_under_load_steps_is_found(seed: int) -> None:
     steps = load_steps(900, 120.0, seed)
     record = run(load=2.0 * steps, n=900, band=6.0, jump=3.0, noise=0.03, seed=seed, gain=0.8)
@@ -93,7 +93,7 @@ def test_a_sticky_valve_under_load_steps_is_found(seed: int) -> None:
     assert result.stick_band.value == pytest.approx(6.0, rel=0.2)
 
 
-@pytest.mark.parametrize("seed", range(1, 7))
+@pytest.mark.parametrize("seed", in_suite(3, range(1, 7)))
 def test_a_sticky_valve_alone_is_not_taken_for_one(seed: int) -> None:
     record = run(n=1200, band=5.0, jump=2.0, noise=0.05, seed=seed)
     result = identify(record.op, record.pv, sp=record.sp)

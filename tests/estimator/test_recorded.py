@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimator import Identification, Verdict, identify
+from tests.seeds import in_suite
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:
@@ -22,10 +23,19 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.fixture(scope="module")
-def plant(shared_data: Path) -> list[tuple[dict[str, str], Identification]]:
+SHOWN = (4, 6)
+"""Sticky and healthy ones in a third of the windows."""
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(3, id="a third"), pytest.param(1, id="all", marks=pytest.mark.thorough)],
+)
+def plant(
+    request: pytest.FixtureRequest, shared_data: Path
+) -> list[tuple[dict[str, str], Identification]]:
     with (shared_data / "plant_labels.csv").open(newline="") as file:
-        labels = list(csv.DictReader(file))
+        labels = list(csv.DictReader(file))[:: request.param]
     folder = shared_data / "plant"
     return [(label, identify(**_read(folder / label["file"]), period=10.0)) for label in labels]
 
@@ -37,7 +47,9 @@ def test_chem10_has_the_stick_band_of_the_literature(shared_data: Path) -> None:
     assert 1.5 <= result.stick_band.value <= 2.0
 
 
-@pytest.mark.parametrize("name", ["CHEM1", "CHEM2", "CHEM10", "CHEM13", "PAP2", "PAP4", "PAP9"])
+@pytest.mark.parametrize(
+    "name", in_suite(4, ["CHEM2", "CHEM10", "PAP2", "PAP4", "CHEM1", "CHEM13", "PAP9"])
+)
 def test_verdicts_of_the_isdb(shared_data: Path, name: str) -> None:
     with (shared_data / "isdb_labels.csv").open(newline="") as file:
         labels = {row["file"]: row["label"] for row in csv.DictReader(file)}
@@ -57,11 +69,10 @@ def test_windows_with_a_sticky_valve_score_above_those_without_one(plant) -> Non
     agreed = [(label, r) for label, r in plant if r.evidence is not None]
     sticky = [r.score for label, r in agreed if "plant_02.csv" <= label["file"] <= "plant_13.csv"]
     healthy = [r.score for label, r in agreed if label["label"] == "no_stiction"]
-    assert len(sticky) == 12
-    assert len(healthy) == 19
+    assert (len(sticky), len(healthy)) == ((12, 19) if len(plant) > 20 else SHOWN)
     # all but the one that is left uncertain beside a step of its load, and one of few strokes
     # beside a healthy one that is not judged either
-    assert sum(one > max(healthy) for one in sticky) >= 10
+    assert sum(one > max(healthy) for one in sticky) >= 10 / 12 * len(sticky)
     above = np.subtract.outer(sticky, healthy) > 0.0
     assert above.mean() >= 0.99
     accused = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,6 +12,7 @@ from estimator import ReasonCode, Verdict, identify
 from estimator.cleaning import find_held, find_slow_transmitter
 from estimator.evidence.records import informed_share
 from loop_model import ValveModel
+from tests.seeds import cases_in_suite, few_and_all
 
 Array = NDArray[np.float64]
 
@@ -121,9 +124,12 @@ def test_a_record_that_keeps_each_value_is_judged_on_each_value_once(
     assert f"keeps each value for {every} samples" in found.identifiability[-1]
 
 
-def test_healthy_valves_of_records_that_keep_each_value_are_not_accused(loop) -> None:
+@pytest.mark.parametrize("seeds", few_and_all(5, range(10)))
+def test_healthy_valves_of_records_that_keep_each_value_are_not_accused(
+    loop, seeds: Sequence[int]
+) -> None:
     # without this 5 of 36 healthy loops of the tuning family are, stored so
-    for seed in range(10):
+    for seed in seeds:
         op, pv, _ = loop(None, samples=1500, noise=0.3, drift=0.05, seed=seed, time_constant=20.0)
         record = _polled(op, 5, seed % 5), _polled(pv, 5, seed % 5)
         assert identify(*record).verdict is not Verdict.STICTION
@@ -168,7 +174,9 @@ def _measured_slowly(
     return op, pv
 
 
-@pytest.mark.parametrize(("every", "jitter"), [(2, 0), (3, 0), (6, 0), (6, 1), (12, 0)])
+@pytest.mark.parametrize(
+    ("every", "jitter"), cases_in_suite(3, [(2, 0), (6, 1), (12, 0), (3, 0), (6, 0)])
+)
 def test_a_healthy_valve_is_not_accused_by_a_transmitter_slower_than_the_scan(
     every: int, jitter: int
 ) -> None:
@@ -181,10 +189,11 @@ def test_a_healthy_valve_is_not_accused_by_a_transmitter_slower_than_the_scan(
         assert found.stem.size == found.pv_model.size == 1500
 
 
-def test_a_sticky_valve_is_found_behind_a_slow_transmitter() -> None:
-    found = [identify(*_measured_slowly(seed, 2, 6.0)) for seed in range(10)]
-    assert sum(one.verdict is Verdict.STICTION for one in found) >= 9
-    assert sum(one.stick_band.low <= 6.0 <= one.stick_band.high for one in found) >= 8
+@pytest.mark.parametrize("seeds", few_and_all(5, range(10)))
+def test_a_sticky_valve_is_found_behind_a_slow_transmitter(seeds: Sequence[int]) -> None:
+    found = [identify(*_measured_slowly(seed, 2, 6.0)) for seed in seeds]
+    assert sum(one.verdict is Verdict.STICTION for one in found) >= 0.9 * len(seeds)
+    assert sum(6.0 in one.stick_band for one in found) >= 0.8 * len(seeds)
 
 
 def test_only_values_that_come_by_a_clock_are_those_of_a_slow_transmitter() -> None:

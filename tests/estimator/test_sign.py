@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from estimator.hypotheses.hypothesis import Case
 from estimator.settings import SETTINGS
 from estimator.window import carry_on
 from loop_model import ValveModel
+from tests.seeds import few_and_all
 
 CaseOf = Callable[..., Case]
 
@@ -166,17 +167,21 @@ def _sign(op: Array, pv: Array) -> float:
 
 @pytest.mark.parametrize("valve", [None, ValveModel(5.0, 2.0)], ids=["healthy", "sticky"])
 @pytest.mark.parametrize(("op_late", "pv_late"), [(0, 0), (1, 0), (0, 1), (0, 2)])
+@pytest.mark.parametrize("seeds", few_and_all(6, range(20)))
 def test_columns_that_are_stored_one_after_the_other_tell_the_sign(
-    loop, valve, op_late: int, pv_late: int
+    loop, valve, op_late: int, pv_late: int, seeds: Sequence[int]
 ) -> None:
-    for seed in range(20):
+    for seed in seeds:
         op, pv, _ = loop(valve, samples=500, noise=0.2, drift=0.05, seed=seed)
         for mirror in (1.0, -1.0):
             assert _sign(_moved(op, op_late), mirror * _moved(pv, pv_late)) == mirror
 
 
-def test_a_sticky_valve_is_found_where_pv_is_stored_a_sample_late(loop) -> None:
-    for seed in range(5):
+@pytest.mark.parametrize("seeds", few_and_all(2, range(5)))
+def test_a_sticky_valve_is_found_where_pv_is_stored_a_sample_late(
+    loop, seeds: Sequence[int]
+) -> None:
+    for seed in seeds:
         op, pv, _ = loop(ValveModel(5.0, 2.0), samples=600, noise=0.1, seed=seed)
         found, as_seen = identify(op, _moved(pv, 1)), identify(op, pv)
         assert found.verdict is Verdict.STICTION

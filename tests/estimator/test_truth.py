@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from estimator.evidence.weighing import weigh
 from estimator.hypotheses.hypothesis import Case, Valve
 from estimator.processes.poles import Poles, Shape
 from loop_model import ValveModel
+from tests.seeds import few_and_all, in_suite
 
 CaseOf = Callable[..., Case]
 
@@ -51,7 +52,7 @@ def test_the_truth_is_not_likelier_than_what_is_found(
     assert found > true - 4.0
 
 
-@pytest.mark.parametrize("seed", [941, 943, 947, 956])
+@pytest.mark.parametrize("seed", in_suite(2, [941, 956, 943, 947]))
 def test_the_jump_of_a_valve_that_slips_to_op_is_found(seed: int) -> None:
     # the first position of the stem decides all slips after it; J once came out as 0.6 to 0.9 of S
     loop = draw("pure-slip", True, seed)
@@ -71,13 +72,14 @@ def test_the_stick_band_of_many_strokes_is_told_to_a_hundredth(kind: str, seed: 
     assert found.stick_band.value == pytest.approx(loop.stick_band, rel=0.02)
 
 
-def test_intervals_of_valves_that_slip_to_op_hold_the_truth() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(6, range(960, 980)))
+def test_intervals_of_valves_that_slip_to_op_hold_the_truth(seeds: Sequence[int]) -> None:
     held = 0
-    for seed in range(960, 980):
+    for seed in seeds:
         loop = draw("pure-slip", True, seed)
         jump = identify(loop.op, loop.pv, sp=loop.sp, period=loop.period).slip_jump
         held += jump.low <= loop.slip_jump <= jump.high
-    assert held >= 16
+    assert held >= 0.8 * len(seeds)
 
 
 def _delayed(dead_time: int) -> tuple[np.ndarray, np.ndarray]:

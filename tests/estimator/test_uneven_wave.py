@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.uneven_wave import UnevenWave, course_of, slopes_of
 from estimator.processes.poles import Poles, Shape
 from tests.closed_loop import run
+from tests.seeds import few_and_all
 
 Array = NDArray[np.float64]
 
@@ -205,25 +207,27 @@ def test_a_triangle_that_wanders_is_found_with_the_process_behind_a_healthy_valv
     assert away.max() < 2.0
 
 
-def test_healthy_valves_under_an_uneven_saw_tooth_are_not_accused() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(2, (1, 3, 4, 7)))
+def test_healthy_valves_under_an_uneven_saw_tooth_are_not_accused(seeds: Sequence[int]) -> None:
     """Three of these four were, when a load of steps and lines was the only rival."""
     accused = 0
-    for seed in (1, 3, 4, 7):
+    for seed in seeds:
         load = 4.0 * uneven_wave(900, 80.0, 0.05, seed)
         record = run(load=load, n=900, noise=0.05, gain=0.5, seed=seed)
         accused += identify(record.op, record.pv, sp=record.sp).verdict is Verdict.STICTION
-    assert accused <= 1
+    assert accused <= len(seeds) // 4
 
 
-def test_healthy_valves_under_an_uneven_triangle_are_mostly_cleared() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(2, range(1, 5)))
+def test_healthy_valves_under_an_uneven_triangle_are_mostly_cleared(seeds: Sequence[int]) -> None:
     """Seven of these eight were accused when the wave was looked for beside a drift alone."""
     accused = 0
     for period, rise in ((90.0, 0.5), (70.0, 0.3)):
-        for seed in range(1, 5):
+        for seed in seeds:
             load = 6.0 * uneven_wave(900, period, rise, seed)
             record = run(load=load, n=900, noise=0.05, gain=0.5, seed=seed)
             accused += identify(record.op, record.pv, sp=record.sp).verdict is Verdict.STICTION
-    assert accused <= 4
+    assert accused <= len(seeds)
 
 
 @pytest.mark.parametrize("rise", [0.1, 0.3, 0.5])

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from estimator.monitoring.indices import (
     HorchFinding,
@@ -15,6 +16,7 @@ from estimator.monitoring.indices import (
     oscillation,
     valve_wear,
 )
+from estimator.monitoring.indices._signals import correlation
 from estimator.outcomes import EstimatorError
 from estimator.valves import HeValve
 
@@ -145,3 +147,12 @@ def test_bad_samples_count_for_nothing():
 def test_bad_input_is_refused_with_its_name(call, part):
     with pytest.raises(EstimatorError, match=part):
         call()
+
+
+@pytest.mark.parametrize("samples", [20, 63, 1237])
+def test_the_correlation_is_that_of_scipy_to_the_last_bit(samples: int) -> None:
+    u, y = np.random.default_rng(samples).standard_normal((2, samples))
+    lags, found = correlation(u, y)
+    wanted = signal.correlate(y, u, method="fft") / np.sqrt(np.dot(u, u) * np.dot(y, y))
+    assert np.array_equal(found, wanted)
+    assert np.array_equal(lags, signal.correlation_lags(samples, samples))

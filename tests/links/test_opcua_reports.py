@@ -26,14 +26,19 @@ from tests.upward.mosquitto import free_port
 class StampingServer:
     """A server whose time stamps are told: its clock is an hour ahead of ours."""
 
+    _made: Server | None = None
+    """One for all tests: its standard nodes take a second and a half of a processor."""
+
     def __init__(self) -> None:
         self.port = free_port()
-        self._server = Server()
         self._nodes: dict[str, Any] = {}
 
     async def start(self) -> None:
-        await self._server.init()
-        self._server.set_force_server_timestamp(False)
+        if StampingServer._made is None:
+            StampingServer._made = Server()
+            await StampingServer._made.init()
+            StampingServer._made.set_force_server_timestamp(False)
+        self._server = StampingServer._made
         self._server.set_endpoint(f"opc.tcp://127.0.0.1:{self.port}")
         for name in ("L0.OP", "L0.PV"):
             node = ua.NodeId(name, 1)
@@ -41,6 +46,7 @@ class StampingServer:
         await self._server.start()
 
     async def stop(self) -> None:
+        await self._server.delete_nodes(list(self._nodes.values()))
         await self._server.stop()
 
     async def load_again(self, value: float) -> None:
@@ -197,7 +203,7 @@ async def test_a_difference_that_no_new_session_cures_opens_ever_fewer(
     assert await scan_for(20.0) == (1, 1)
 
 
-@pytest_asyncio.fixture
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def foreign() -> AsyncIterator[OpcuaServer]:
     running = OpcuaServer(loops=1)
     await running.start()
@@ -205,7 +211,7 @@ async def foreign() -> AsyncIterator[OpcuaServer]:
     await running.kill()
 
 
-@pytest.mark.asyncio
+@pytest.mark.asyncio(loop_scope="module")
 async def test_a_server_that_stands_still_is_believed_for_three_quarters_of_a_period(
     foreign: OpcuaServer, make_opcua_site: Callable[..., Site]
 ) -> None:
@@ -233,7 +239,7 @@ async def test_a_server_that_stands_still_is_believed_for_three_quarters_of_a_pe
     assert max(good, default=paused) - paused < 3.0 * SHARE * period
 
 
-@pytest.mark.asyncio
+@pytest.mark.asyncio(loop_scope="module")
 @pytest.mark.parametrize("period", in_suite(1, [1.0, 4.0]))
 async def test_a_server_is_asked_until_it_shows_life_four_times_a_period(
     foreign: OpcuaServer, make_opcua_site: Callable[..., Site], period: float
@@ -252,7 +258,7 @@ async def test_a_server_is_asked_until_it_shows_life_four_times_a_period(
         await link.close()
 
 
-@pytest.mark.asyncio
+@pytest.mark.asyncio(loop_scope="module")
 @pytest.mark.parametrize("mode", in_suite(1, ["subscribe", "read"]))
 async def test_a_scan_tells_that_it_had_to_connect(
     foreign: OpcuaServer, make_opcua_site: Callable[..., Site], mode: str

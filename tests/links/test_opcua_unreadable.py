@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import pytest_asyncio
 from asyncua import Client
 
 from fieldlink.daemon import Daemon
@@ -90,63 +91,65 @@ async def test_a_handshake_that_cannot_be_read_is_a_reason_of_the_device(
     assert "its answer cannot be read (" in str(scan.failures[0])
 
 
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def server() -> AsyncIterator[OpcuaServer]:
+    running = OpcuaServer(loops=1)
+    await running.start()
+    yield running
+    await running.kill()
+
+
+@pytest.mark.asyncio(loop_scope="module")
 @pytest.mark.parametrize("mode", in_suite(1, ["subscribe", "read"]))
 async def test_spoilt_answers_and_lost_connections_are_reasons_of_the_device(
-    make_opcua_site: Callable[..., Site], mode: str
+    server: OpcuaServer, make_opcua_site: Callable[..., Site], mode: str
 ) -> None:
-    server = OpcuaServer(loops=1)
-    await server.start()
     between = Between(server.port)
-    try:
-        async with between.serving():
-            site = make_opcua_site(between.port, opcua=f'mode = "{mode}"', loops=1)
-            link: Any = open_link(site.with_device("plc", timeout=0.5), "plc")
-            await scan_until(link, lambda scan: scan["L0.OP"].good, "a good value")
-            between.spoils = True
-            spoilt = await scan_until(link, lambda scan: scan.failures, "a failure")
-            assert not spoilt["L0.OP"].good
-            assert link.state is LinkState.DEMOTED
-            if mode == "read":  # no subscription hides it
-                assert "an answer that cannot be read" in str(spoilt.failures[0])
-            between.spoils = False
-            await scan_until(link, lambda scan: scan["L0.OP"].good, "a good value")
-            between.cut()
-            lost = await scan_until(link, lambda scan: scan.failures, "a failure")
-            said = str(lost.failures[0])
-            assert "BadShutdown" not in said
-            await scan_until(link, lambda scan: scan["L0.OP"].good, "a good value")
-            assert link.connects == (3 if mode == "read" else 2)
-            await link.close()
-    finally:
-        await server.kill()
+    async with between.serving():
+        site = make_opcua_site(between.port, opcua=f'mode = "{mode}"', loops=1)
+        link: Any = open_link(site.with_device("plc", timeout=0.5), "plc")
+        await scan_until(link, lambda scan: scan["L0.OP"].good, "a good value")
+        between.spoils = True
+        spoilt = await scan_until(link, lambda scan: scan.failures, "a failure")
+        assert not spoilt["L0.OP"].good
+        assert link.state is LinkState.DEMOTED
+        if mode == "read":  # no subscription hides it
+            assert "an answer that cannot be read" in str(spoilt.failures[0])
+        between.spoils = False
+        await scan_until(link, lambda scan: scan["L0.OP"].good, "a good value")
+        between.cut()
+        lost = await scan_until(link, lambda scan: scan.failures, "a failure")
+        said = str(lost.failures[0])
+        assert "BadShutdown" not in said
+        await scan_until(link, lambda scan: scan["L0.OP"].good, "a good value")
+        assert link.connects == (3 if mode == "read" else 2)
+        await link.close()
 
 
-async def test_silent_servers_do_not_hold_up_the_end_one_after_the_other(tmp_path: Path) -> None:
-    server = OpcuaServer(loops=1)
-    await server.start()
+@pytest.mark.asyncio(loop_scope="module")
+async def test_silent_servers_do_not_hold_up_the_end_one_after_the_other(
+    server: OpcuaServer, tmp_path: Path
+) -> None:
     between = Between(server.port)
-    try:
-        async with between.serving():
-            (tmp_path / "nodes.csv").write_text("tag,node\nOP,ns=1;s=L0.OP\nPV,ns=1;s=L0.PV\n")
-            parts = ['[site]\nname = "silent"\n']
-            for n in range(4):
-                parts.append(
-                    f'[devices.d{n}]\nlink = "opcua"\nhost = "127.0.0.1"\nport = {between.port}\n'
-                    f'register_map = "nodes.csv"\ntimeout = 4.0\n'
-                    f'[loops.L{n}]\ndevice = "d{n}"\nop = "OP"\npv = "PV"\nperiod = 6.0\n'
-                )
-            (tmp_path / "site.toml").write_text("\n".join(parts))
-            stop = asyncio.Event()
-            daemon = Daemon(load_site(tmp_path / "site.toml"))
-            running = asyncio.create_task(daemon.run(stop=stop))
-            until = time.monotonic() + 60.0
-            while not all(device.connects for device in daemon.status().devices.values()):
-                assert time.monotonic() < until, "no samples"
-                await asyncio.sleep(0.1)
-            between.mutes = True
-            stop.set()
-            begun = time.monotonic()
-            await running
-            assert time.monotonic() - begun < 9.0
-    finally:
-        await server.kill()
+    async with between.serving():
+        (tmp_path / "nodes.csv").write_text("tag,node\nOP,ns=1;s=L0.OP\nPV,ns=1;s=L0.PV\n")
+        parts = ['[site]\nname = "silent"\n']
+        for n in range(4):
+            parts.append(
+                f'[devices.d{n}]\nlink = "opcua"\nhost = "127.0.0.1"\nport = {between.port}\n'
+                f'register_map = "nodes.csv"\ntimeout = 4.0\n'
+                f'[loops.L{n}]\ndevice = "d{n}"\nop = "OP"\npv = "PV"\nperiod = 6.0\n'
+            )
+        (tmp_path / "site.toml").write_text("\n".join(parts))
+        stop = asyncio.Event()
+        daemon = Daemon(load_site(tmp_path / "site.toml"))
+        running = asyncio.create_task(daemon.run(stop=stop))
+        until = time.monotonic() + 60.0
+        while not all(device.connects for device in daemon.status().devices.values()):
+            assert time.monotonic() < until, "no samples"
+            await asyncio.sleep(0.1)
+        between.mutes = True
+        stop.set()
+        begun = time.monotonic()
+        await running
+        assert time.monotonic() - begun < 9.0

@@ -6,7 +6,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.client.mixin import ModbusClientMixin
 
@@ -40,6 +40,7 @@ def test_decoding_agrees_with_pymodbus(
 @pytest.mark.parametrize("byte_order", ORDERS)
 @pytest.mark.parametrize("word_order", ORDERS)
 @pytest.mark.parametrize("data_type", BINARY)
+@settings(max_examples=40)  # of each of 32 types and orders
 @given(data=st.data())
 def test_encoding_undoes_decoding(
     data_type: DataType, word_order: Order, byte_order: Order, data: st.DataObject

@@ -6,11 +6,12 @@ import asyncio
 import contextlib
 import re
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+import pytest_asyncio
 from asyncua import Client, ua
 from asyncua.crypto import security_policies
 from asyncua.ua.uaerrors import UaError
@@ -32,27 +33,38 @@ from tests.daemon import live
 from tests.links.opcua_certificates import write_certificate
 from tests.upward.conftest import until
 from tests.upward.mosquitto import free_port
-from tests.upward.opcua_process import DEVICE, LOOP, look_from_outside, served
+from tests.upward.opcua_process import DEVICE, LOOP, Served, look_from_outside, served
 
 DI = "http://opcfoundation.org/UA/DI/"
 PADIM = "http://opcfoundation.org/UA/PADIM/"
+of_one_server = pytest.mark.asyncio(loop_scope="module")
 
 
-async def test_a_foreign_client_reads_and_changes_nothing() -> None:
-    async with served() as server:
-        await server.show({"FC101": LOOP, "U1/T2": LOOP | {"DeviceHealth": [4, "uncertain"]}})
-        nodes = ["Loops/FC101/StickBand", "Loops/FC101/DeviceHealth", "Loops/FC101/DaysToLimit"]
-        nodes += ["Loops/U1%2FT2/DeviceHealth", "Devices/plc/DeviceHealth"]
-        nodes += ["Loops/FC101/SignalSet/SlipJump/AnalogSignal"]
-        found = await look_from_outside(server.address, nodes)
-        # What a client may not write has not changed either.
-        async with Client(server.address, timeout=60.0) as client:
-            assert await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 2.5
-        await server.show({"FC101": LOOP | {"StickBand": 3.5}})
-        async with Client(server.address, timeout=60.0) as client:
-            assert await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.5
-            loops = await client.get_node("ns=1;s=Loops").get_children()
-            assert [loop.nodeid.Identifier for loop in loops] == ["Loops/FC101"]
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def server() -> AsyncIterator[Served]:
+    """For the tests that need no settings of their own: its start takes two seconds.
+
+    At its end it must have written nothing into the log, see `served`.
+    """
+    async with served() as running:
+        yield running
+
+
+@of_one_server
+async def test_a_foreign_client_reads_and_changes_nothing(server: Served) -> None:
+    await server.show({"FC101": LOOP, "U1/T2": LOOP | {"DeviceHealth": [4, "uncertain"]}})
+    nodes = ["Loops/FC101/StickBand", "Loops/FC101/DeviceHealth", "Loops/FC101/DaysToLimit"]
+    nodes += ["Loops/U1%2FT2/DeviceHealth", "Devices/plc/DeviceHealth"]
+    nodes += ["Loops/FC101/SignalSet/SlipJump/AnalogSignal"]
+    found = await look_from_outside(server.address, nodes)
+    # What a client may not write has not changed either.
+    async with Client(server.address, timeout=60.0) as client:
+        assert await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 2.5
+    await server.show({"FC101": LOOP | {"StickBand": 3.5}})
+    async with Client(server.address, timeout=60.0) as client:
+        assert await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.5
+        loops = await client.get_node("ns=1;s=Loops").get_children()
+        assert [loop.nodeid.Identifier for loop in loops] == ["Loops/FC101"]
     assert set(found["refused"].values()) == {"BadUserAccessDenied"}
     assert len(found["refused"]) == 5
     assert found["namespaces"] == [
@@ -191,25 +203,26 @@ class Taker:
         pass
 
 
-async def test_clients_that_leave_without_a_word_write_nothing_into_the_log() -> None:
-    async with served() as server:
-        for _ in range(2):
-            await server.show({"FC101": LOOP})
-            client, taker = Client(server.address, timeout=60.0), Taker()
-            await client.connect()
-            subscription = await client.create_subscription(10.0, taker)
-            node = client.get_node("ns=1;s=Loops/FC101/StickBand")
-            await subscription.subscribe_data_change(node)
-            await asyncio.wait_for(taker.taken.wait(), 300.0)
-            # Its socket is gone, with a publish request still open at the server.
-            client.uaclient.protocol.transport.abort()
-            with contextlib.suppress(ConnectionError, TimeoutError, UaError):
-                await client.disconnect()
-            await server.show({"FC101": LOOP | {"StickBand": 3.0}})
+@of_one_server
+async def test_clients_that_leave_without_a_word_write_nothing_into_the_log(server: Served) -> None:
+    for _ in range(2):
+        await server.show({"FC101": LOOP})
+        client, taker = Client(server.address, timeout=60.0), Taker()
+        await client.connect()
+        subscription = await client.create_subscription(10.0, taker)
+        node = client.get_node("ns=1;s=Loops/FC101/StickBand")
+        await subscription.subscribe_data_change(node)
+        await asyncio.wait_for(taker.taken.wait(), 300.0)
+        # Its socket is gone, with a publish request still open at the server.
+        client.uaclient.protocol.transport.abort()
+        with contextlib.suppress(ConnectionError, TimeoutError, UaError):
+            await client.disconnect()
+        await server.show({"FC101": LOOP | {"StickBand": 3.0}})
 
 
-async def test_a_flood_of_connections_leaves_the_client_that_is_there_alone() -> None:
-    async with served() as server, Client(server.address, timeout=60.0) as client:
+@of_one_server
+async def test_a_flood_of_connections_leaves_the_client_that_is_there_alone(server: Served) -> None:
+    async with Client(server.address, timeout=60.0) as client:
         await server.show({"FC101": LOOP})
         flood = [await asyncio.open_connection("127.0.0.1", server.port) for _ in range(40)]
         for number, (_, writer) in enumerate(flood):
@@ -248,31 +261,33 @@ def test_a_fleet_is_told_in_parts_that_an_answer_has_time_for(loops: int) -> Non
     assert list(serving.parts_of({"time": 1.0, **nothing})) == [{"time": 1.0, **nothing}]
 
 
-async def test_a_loop_that_leaves_the_site_ends_its_values_and_may_come_back() -> None:
+@of_one_server
+async def test_a_loop_that_leaves_the_site_ends_its_values_and_may_come_back(
+    server: Served,
+) -> None:
     said: asyncio.Queue[tuple[Any, str]] = asyncio.Queue()
 
     class Handler:
         def datachange_notification(self, _node: Any, value: Any, data: Any) -> None:
             said.put_nowait((value, data.monitored_item.Value.StatusCode.name))
 
-    async with served() as server:
-        await server.show(dict.fromkeys(("A", "B", "C", "D"), LOOP))
-        async with Client(server.address, timeout=60.0) as client:
-            subscription = await client.create_subscription(50, Handler())
-            await subscription.subscribe_data_change(
-                client.get_node("ns=1;s=Loops/A/SignalSet/StickBand/AnalogSignal")
-            )
-            assert await said.get() == (2.5, "Good")
-            await server.show({"D": LOOP})
-            assert await said.get() == (None, "BadNodeIdUnknown")
-            devices = client.get_node(f"ns={await client.get_namespace_index(DI)};i=5001")
-            for folder, names in (("ns=1;s=Loops", ["D"]), (devices.nodeid, ["plc", "D"])):
-                shown = await client.get_node(folder).get_children()
-                assert {(await node.read_browse_name()).Name for node in shown} == set(names)
-            await server.show({"A": LOOP | {"StickBand": 9.0}}, names=["A", "D"])
-            assert await said.get() == (9.0, "Good")
-            shown = await client.get_node("ns=1;s=Loops").get_children()
-            assert [node.nodeid.Identifier for node in shown] == ["Loops/D", "Loops/A"]
+    await server.show(dict.fromkeys(("A", "B", "C", "D"), LOOP))
+    async with Client(server.address, timeout=60.0) as client:
+        subscription = await client.create_subscription(50, Handler())
+        await subscription.subscribe_data_change(
+            client.get_node("ns=1;s=Loops/A/SignalSet/StickBand/AnalogSignal")
+        )
+        assert await said.get() == (2.5, "Good")
+        await server.show({"D": LOOP})
+        assert await said.get() == (None, "BadNodeIdUnknown")
+        devices = client.get_node(f"ns={await client.get_namespace_index(DI)};i=5001")
+        for folder, names in (("ns=1;s=Loops", ["D"]), (devices.nodeid, ["plc", "D"])):
+            shown = await client.get_node(folder).get_children()
+            assert {(await node.read_browse_name()).Name for node in shown} == set(names)
+        await server.show({"A": LOOP | {"StickBand": 9.0}}, names=["A", "D"])
+        assert await said.get() == (9.0, "Good")
+        shown = await client.get_node("ns=1;s=Loops").get_children()
+        assert [node.nodeid.Identifier for node in shown] == ["Loops/D", "Loops/A"]
 
 
 async def test_the_bound_of_memory_grows_with_the_loops() -> None:

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from typing import Any
 
 import pytest
@@ -13,6 +13,12 @@ from tests.links.fake_device import FakeDevice
 def live() -> Any:
     """What the tests of the live daemon share: sites, plants, running daemons."""
     return tests.daemon.live
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _unrehearsed() -> Iterator[None]:
+    with tests.daemon.live.unrehearsed_pools():
+        yield
 
 
 @pytest.fixture

@@ -78,6 +78,7 @@ class Links(HTMLParser):
                 self.found.append(value)
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone_and_has_a_page_for_each_sick_loop(
     site: Path, tmp_path: Path
 ) -> None:

@@ -48,6 +48,9 @@ start again, or a network folder to be mounted."""
 LOOK_AGAIN = 1.0
 """Seconds between two tries."""
 
+PROCESS = (sys.executable, "-m", "fieldlink.assess.workers.worker")
+"""What a worker's process runs."""
+
 _ENVIRONMENT = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 ) | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
@@ -231,7 +234,7 @@ class WatchedWorker:
     def _start(self) -> subprocess.Popen[str]:
         for _ in range(STARTS):
             process = subprocess.Popen(
-                [sys.executable, "-m", "fieldlink.assess.workers.worker"],
+                PROCESS,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
