@@ -18,6 +18,7 @@ from fieldlink.store.database_identity import (
     refuse_unreadable_file,
 )
 from fieldlink.store.errors import StoreCorruptError, StoreError
+from fieldlink.store.postgresql import bound_lock_waits, connection_patience
 from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
 from fieldlink.store.records import Record
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
@@ -36,6 +37,13 @@ __all__ = [
 FOLDER_MODE = 0o750
 FILE_MODE = 0o640
 """The owner writes, the group reads, nobody else does either; SQLite's companions follow."""
+
+
+_OF_A_FILE = "the folder's permissions, the free space, and that no other program holds the file"
+_OF_A_SERVER = (
+    "that the server runs and takes this user's rows (not a read-only stand-by), the user's rights "
+    "in the database, and the server's free space"
+)
 
 
 def open_for_writing(
@@ -73,13 +81,15 @@ def open_for_writing(
                 f"the historian {shown(url)} cannot be used: {cause_of(error)}; move {file.name} "
                 "away, for a new one to be made, or restore a backup in its place"
             ) from error
+        where = _OF_A_SERVER if file is None else _OF_A_FILE
         raise StoreError(
-            f"the historian {shown(url)} cannot be written: {cause_of(error)}; check the "
-            "folder's permissions, the free space, and that no other program holds the file"
+            f"the historian {shown(url)} cannot be written: {cause_of(error)}; check {where}"
         ) from error
     except BaseException:
         engine.dispose()
         raise
+    if address.get_backend_name() == "postgresql":
+        bound_lock_waits(engine, busy_timeout)
     return engine
 
 
@@ -212,7 +222,7 @@ def _engine(address: URL, busy_timeout: float, *, writes: bool = False) -> Engin
     if sqlite:
         patience["timeout"] = busy_timeout
     elif address.get_backend_name() == "postgresql":
-        patience["connect_timeout"] = max(2, round(busy_timeout))
+        patience = connection_patience(address, busy_timeout)
     try:
         engine = create_engine(address, connect_args=patience, pool_pre_ping=not sqlite)
     except (NoSuchModuleError, ImportError) as error:
