@@ -10,7 +10,7 @@ from sqlalchemy import Engine, create_engine, event, insert, select
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, SQLAlchemyError
 
-from fieldlink.file_at import why_no_file
+from fieldlink.file_at import why_closed, why_no_file
 from fieldlink.store.damage import is_corruption, was_a_database
 from fieldlink.store.database_identity import (
     refuse_foreign_file,
@@ -39,7 +39,10 @@ FILE_MODE = 0o640
 """The owner writes, the group reads, nobody else does either; SQLite's companions follow."""
 
 
-_OF_A_FILE = "the folder's permissions, the free space, and that no other program holds the file"
+_OF_A_FILE = (
+    "the folder's permissions, the free space and inodes (df -h, df -i), and that no other program "
+    "holds the file"
+)
 _OF_A_SERVER = (
     "that the server runs and takes this user's rows (not a read-only stand-by), the user's rights "
     "in the database, and the server's free space"
@@ -81,6 +84,8 @@ def open_for_writing(
                 f"the historian {shown(url)} cannot be used: {cause_of(error)}; move {file.name} "
                 "away, for a new one to be made, or restore a backup in its place"
             ) from error
+        if file is not None and (why := why_closed(file)):
+            raise StoreError(f"the historian cannot be written: {why}") from error
         where = _OF_A_SERVER if file is None else _OF_A_FILE
         raise StoreError(
             f"the historian {shown(url)} cannot be written: {cause_of(error)}; check {where}"
