@@ -17,7 +17,7 @@ from fieldlink.store.database_identity import (
     refuse_foreign_tables,
     refuse_unreadable_file,
 )
-from fieldlink.store.errors import StoreCorruptError, StoreError
+from fieldlink.store.errors import StoreAddressError, StoreCorruptError, StoreError
 from fieldlink.store.postgresql import bound_lock_waits, connection_patience
 from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
 from fieldlink.store.records import Record
@@ -61,7 +61,8 @@ def open_for_writing(
         StoreInUseError: another writer has a loop of ``claim``.
         StoreCorruptError: the file was a historian and is damaged.
         StoreMismatchError: the database is another program's, or was made by another release.
-        StoreError: the address is wrong, the folder or file cannot be written, or the file is no
+        StoreAddressError: the address is wrong, or there is no driver for it.
+        StoreError: the folder, the file or the server cannot be written now, or the file is no
             database.
     """
     address = _address(url)
@@ -175,7 +176,7 @@ def _address(url: str) -> URL:
         address = make_url(url)
     except (ArgumentError, ValueError) as error:  # also for a port of letters
         # Not the text itself: a password may be in it.
-        raise StoreError(
+        raise StoreAddressError(
             "historian.url is not a database address; write sqlite:///history.sqlite or "
             "postgresql://USER@HOST/DATABASE"
         ) from error
@@ -231,7 +232,7 @@ def _engine(address: URL, busy_timeout: float, *, writes: bool = False) -> Engin
     try:
         engine = create_engine(address, connect_args=patience, pool_pre_ping=not sqlite)
     except (NoSuchModuleError, ImportError) as error:
-        raise StoreError(
+        raise StoreAddressError(
             f"no driver for {address.render_as_string()}: {error}; install it (for PostgreSQL: "
             "pip install 'fieldlink[postgresql]'), or use sqlite:///history.sqlite"
         ) from error

@@ -42,6 +42,8 @@ _log = structlog.get_logger(__name__)
 class WebError(FieldlinkError):
     """The endpoints cannot be guarded as the site file asks."""
 
+    may_pass = False
+
 
 class _Server(uvicorn.Server):
     """Signals are the daemon's, not the server's."""

@@ -1,4 +1,4 @@
-"""The alerts fire: each condition as Prometheus itself judges it, and as its rules of matching say."""
+"""The alerts fire: Prometheus itself judges each condition; its rules of matching are kept."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
 from fieldlink.cli.app import app
+from fieldlink.cli.run import TRY_AGAIN
 from fieldlink.daemon import (
     DaemonStatus,
     DeviceStatus,
@@ -25,9 +26,12 @@ from fieldlink.daemon import (
     LoopStatus,
     WritebackOutcome,
 )
+from fieldlink.daemon.installation import InUseError
 from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.links import LinkState
-from fieldlink.store import StoreReport
+from fieldlink.site import SiteError
+from fieldlink.store import StoreError, StoreReport
+from fieldlink.store.errors import StoreAddressError, StoreMismatchError
 from fieldlink.web import render_metrics
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -159,6 +163,19 @@ def test_the_service_waits_for_the_daemons_own_word() -> None:
     assert service["ExecStart"].split()[1:] == ["run", "/etc/fieldlink/%i/site.toml"]
     # The daemon takes five seconds for its tasks and twenty for the store.
     assert int(service["TimeoutStopSec"]) > 25
+
+
+def test_the_service_waits_for_what_comes_up_later_and_not_for_a_wrong_site_file() -> None:
+    """After a power cut a database server may need longer than any number of starts lasts."""
+    parsed = unit()
+    assert (parsed["Service"]["Restart"], parsed["Unit"]["StartLimitIntervalSec"]) == (
+        "on-failure", "0"
+    )  # fmt: skip
+    ends = set(parsed["Service"]["RestartPreventExitStatus"].split())
+    assert ends == {"2"}
+    assert str(TRY_AGAIN) not in ends
+    later, never = (StoreError, InUseError), (SiteError, StoreAddressError, StoreMismatchError)
+    assert [kind.may_pass for kind in (*later, *never)] == [True, True, False, False, False]
 
 
 def test_the_service_can_open_serial_ports() -> None:
