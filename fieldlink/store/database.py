@@ -18,6 +18,7 @@ from fieldlink.store.database_identity import (
     refuse_unreadable_file,
 )
 from fieldlink.store.errors import StoreAddressError, StoreCorruptError, StoreError
+from fieldlink.store.foreign_log import refuse_foreign_log
 from fieldlink.store.postgresql import bound_lock_waits, connection_patience
 from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
 from fieldlink.store.records import Record
@@ -113,6 +114,7 @@ def open_for_reading(url: str) -> Engine:
             f"there is no historian at {file} ({why}); run the daemon first, or check data_dir"
         )
     if file is not None:
+        refuse_foreign_log(file)
         refuse_hidden_rows(file)
         refuse_unreadable_file(file)
         if is_read_alone(file):
