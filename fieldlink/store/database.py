@@ -18,7 +18,7 @@ from fieldlink.store.database_identity import (
     refuse_unreadable_file,
 )
 from fieldlink.store.errors import StoreAddressError, StoreCorruptError, StoreError
-from fieldlink.store.foreign_log import refuse_foreign_log
+from fieldlink.store.foreign_log import refuse_foreign_log, remember_as_open
 from fieldlink.store.postgresql import bound_lock_waits, connection_patience
 from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
 from fieldlink.store.records import Record
@@ -97,6 +97,8 @@ def open_for_writing(
         raise
     if address.get_backend_name() == "postgresql":
         bound_lock_waits(engine, busy_timeout)
+    if file is not None:
+        remember_as_open(file)
     return engine
 
 

@@ -13,13 +13,18 @@ from pathlib import Path
 
 from fieldlink.store.errors import StoreError
 
-__all__ = ["refuse_foreign_log", "set_foreign_log_aside"]
+__all__ = ["refuse_foreign_log", "remember_as_open", "set_foreign_log_aside"]
 
 _VERSIONS = slice(18, 20)
 """Bytes of the file's head that say how it is written and read (https://sqlite.org/fileformat2.html,
 section 1.3.3)."""
 
 _WITHOUT_LOG = b"\1\1"
+
+_own_log: set[tuple[int, int]] = set()
+"""Files of this process that have a log of their own, by device and inode. They are looked into
+before SQLite opens them and never again: to close a file gives up the locks that SQLite holds on it
+in this process (https://sqlite.org/howtocorrupt.html, section 2.2)."""
 
 
 def refuse_foreign_log(file: Path) -> None:
@@ -61,12 +66,29 @@ def set_foreign_log_aside(file: Path) -> str:
     )
 
 
+def remember_as_open(file: Path) -> None:
+    """Look into a file no more: SQLite has it open in this process, with a log of its own."""
+    _own_log.add(_identity(file))
+
+
 def _has_foreign_log(file: Path) -> bool:
     log = file.with_name(f"{file.name}-wal")
     try:
-        with file.open("rb") as stream:
-            versions = stream.read(_VERSIONS.stop)[_VERSIONS]
-        return versions == _WITHOUT_LOG and log.stat().st_size > 0
+        identity = _identity(file)
+        if identity in _own_log:
+            return False
+        foreign = False
+        if log.exists() and log.stat().st_size:
+            with file.open("rb") as stream:
+                foreign = stream.read(_VERSIONS.stop)[_VERSIONS] == _WITHOUT_LOG
     except OSError:
-        # There is no log, or who opens the file says what is wrong with it.
+        # Who opens the file says what is wrong with it.
         return False
+    if not foreign:
+        _own_log.add(identity)
+    return foreign
+
+
+def _identity(file: Path) -> tuple[int, int]:
+    found = file.stat()
+    return found.st_dev, found.st_ino
