@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 import tempfile
 from pathlib import Path
 
-__all__ = ["is_pipe_or_device", "why_no_file", "why_not_writable"]
+__all__ = ["is_pipe_or_device", "why_closed", "why_no_file", "why_not_writable"]
 
 
 def why_no_file(path: str | Path) -> str | None:
@@ -40,3 +41,35 @@ def why_not_writable(folder: Path) -> str | None:
             return None
     except OSError as error:
         return error.strerror or str(error)
+
+
+def why_closed(file: Path) -> str | None:
+    """Return why a file may not be written though its folder may, and the remedy; None if it may.
+
+    As a rule somebody has run a command as root once, and its files are root's.
+    """
+    if sys.platform == "win32":
+        return None
+    try:
+        owner = file.stat().st_uid
+    except OSError:
+        return None
+    is_open = os.access(file, os.R_OK | os.W_OK, effective_ids=True)
+    if is_open or why_not_writable(file.parent):
+        return None
+    if owner == os.geteuid():
+        return f"{file} is closed to its owner; chmod u+rw {file}"
+    other, me = _account(owner), _account(os.geteuid())
+    return (
+        f"{file} belongs to {other}, because a command was run as {other} once; give the folder "
+        f"back: chown -R {me} {file.parent}"
+    )
+
+
+def _account(number: int) -> str:
+    import pwd  # not on Windows
+
+    try:
+        return pwd.getpwuid(number).pw_name
+    except KeyError:
+        return str(number)

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["plant", "run"]
 
+TRY_AGAIN = 75
+"""Exit status of a daemon that may start later with nothing changed (EX_TEMPFAIL, sysexits.h)."""
+
 Duration = Annotated[
     float | None, typer.Option(min=0.0, help="Seconds to run; without it until SIGTERM or SIGINT.")
 ]
@@ -99,19 +102,30 @@ def run(
     A site whose devices are simulations (link = "fmu") or recordings runs in lockstep, as fast as
     the machine can; --duration is then in plant seconds and needed for simulations.
 
+    Status 2: the site file or the installation is wrong, and stays so. Status 75: what is around
+    the daemon is not there yet, such as the database server; the next start may succeed.
+
     Otherwise SIGHUP, or a change of the site file or a register map, takes the new site over while
     running, and health and metrics are answered on the site's [web] address.
     """
+    from fieldlink.cli.errors import explain
     from fieldlink.daemon import configure_logging
+    from fieldlink.errors import FieldlinkError
     from fieldlink.site import load_site
 
     configure_logging()
     loaded = load_site(site)
-    # A site has either kind alone.
-    if all(loaded.devices[loop.device].is_stepped for loop in loaded.loops.values()):
-        status = _lockstep(loaded, duration, read_only)
-    else:
-        status = asyncio.run(_live(loaded, duration, read_only))
+    try:
+        # A site has either kind alone.
+        if all(loaded.devices[loop.device].is_stepped for loop in loaded.loops.values()):
+            status = _lockstep(loaded, duration, read_only)
+        else:
+            status = asyncio.run(_live(loaded, duration, read_only))
+    except FieldlinkError as error:
+        if not error.may_pass:
+            raise
+        explain(error)
+        raise SystemExit(TRY_AGAIN) from None
     _print(status)
 
 

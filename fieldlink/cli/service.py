@@ -71,7 +71,11 @@ def _unit(site: Path, *, for_user: bool, run_as: str, name: str | None) -> Servi
     from fieldlink.systemd import unit_of
 
     return unit_of(
-        load_site(site), program=_program(), user=None if for_user else run_as, name=name
+        load_site(site),
+        program=_program(),
+        user=None if for_user else run_as,
+        name=name,
+        python=Path(sys.base_prefix),
     )
 
 

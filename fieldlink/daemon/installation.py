@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fieldlink.errors import FieldlinkError
+from fieldlink.file_at import why_closed
 from fieldlink.store import StoreError
 
 __all__ = ["InUseError", "is_in_use", "only_daemon", "writer_identity"]
@@ -36,6 +37,8 @@ def only_daemon(data_dir: Path) -> Iterator[int]:
         data_dir.mkdir(mode=FOLDER_MODE, parents=True, exist_ok=True)
         lock = os.open(data_dir / LOCK, os.O_CREAT | os.O_RDWR, FILE_MODE)
     except OSError as error:
+        if why := why_closed(data_dir / LOCK):
+            raise StoreError(why) from error
         raise StoreError(
             f"the data directory {data_dir} cannot be written: {error.strerror}; "
             "set data_dir to a folder that this user may write"
@@ -90,6 +93,8 @@ def writer_identity(data_dir: Path) -> int:
         part.chmod(FILE_MODE)
         part.replace(file)
     except (OSError, UnicodeDecodeError) as error:
+        if why := why_closed(file):
+            raise StoreError(why) from error
         raise StoreError(
             f"the file {file} cannot be used: {getattr(error, 'strerror', 'it is not text')}; it "
             "holds this installation's identity, and may be deleted while no daemon runs; see to "

@@ -158,3 +158,5 @@ class RecordingEndedError(LinkError):
 
 class UnknownLinkKindError(LinkError):
     """The site file names a kind of link that nothing has registered."""
+
+    may_pass = False

@@ -33,6 +33,8 @@ _NETWORK = {
 class TlsFilesError(LinkError):
     """The certificates of a device cannot be used."""
 
+    may_pass = False
+
 
 def line_settings(
     device: Device,

@@ -43,6 +43,8 @@ class Problem:
 class _ProblemsError(FieldlinkError):
     """Carries the problems, file by file and line by line; their texts make the message."""
 
+    may_pass = False
+
     def __init__(self, problems: Iterable[Problem]) -> None:
         found = tuple(problems)
         files = list(dict.fromkeys(problem.file for problem in found))

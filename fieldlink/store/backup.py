@@ -15,6 +15,7 @@ from pathlib import Path
 from fieldlink.file_at import why_no_file
 from fieldlink.store.database import FILE_MODE, file_of, shown
 from fieldlink.store.errors import StoreError
+from fieldlink.store.foreign_log import refuse_foreign_log
 from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
 from fieldlink.unfinished_file import remove_unfinished
 
@@ -73,6 +74,7 @@ def back_up(url: str, target: Path, *, overwrite: bool = False) -> Backup:
 
 
 def _copy(source: Path, part: Path) -> int:
+    refuse_foreign_log(source)
     refuse_hidden_rows(source)
     alone = "&immutable=1" if is_read_alone(source) else ""
     address = f"{source.absolute().as_uri()}?mode=ro{alone}"

@@ -10,14 +10,16 @@ from sqlalchemy import Engine, create_engine, event, insert, select
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, SQLAlchemyError
 
-from fieldlink.file_at import why_no_file
+from fieldlink.file_at import why_closed, why_no_file
 from fieldlink.store.damage import is_corruption, was_a_database
 from fieldlink.store.database_identity import (
     refuse_foreign_file,
     refuse_foreign_tables,
     refuse_unreadable_file,
 )
-from fieldlink.store.errors import StoreCorruptError, StoreError
+from fieldlink.store.errors import StoreAddressError, StoreCorruptError, StoreError
+from fieldlink.store.foreign_log import refuse_foreign_log, remember_as_open
+from fieldlink.store.postgresql import bound_lock_waits, connection_patience
 from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
 from fieldlink.store.records import Record
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
@@ -38,6 +40,16 @@ FILE_MODE = 0o640
 """The owner writes, the group reads, nobody else does either; SQLite's companions follow."""
 
 
+_OF_A_FILE = (
+    "the folder's permissions, the free space and inodes (df -h, df -i), and that no other program "
+    "holds the file"
+)
+_OF_A_SERVER = (
+    "that the server runs and takes this user's rows (not a read-only stand-by), the user's rights "
+    "in the database, and the server's free space"
+)
+
+
 def open_for_writing(
     url: str, opened: Record, busy_timeout: float = 5.0, claim: Claim | None = None
 ) -> Engine:
@@ -50,7 +62,8 @@ def open_for_writing(
         StoreInUseError: another writer has a loop of ``claim``.
         StoreCorruptError: the file was a historian and is damaged.
         StoreMismatchError: the database is another program's, or was made by another release.
-        StoreError: the address is wrong, the folder or file cannot be written, or the file is no
+        StoreAddressError: the address is wrong, or there is no driver for it.
+        StoreError: the folder, the file or the server cannot be written now, or the file is no
             database.
     """
     address = _address(url)
@@ -73,13 +86,19 @@ def open_for_writing(
                 f"the historian {shown(url)} cannot be used: {cause_of(error)}; move {file.name} "
                 "away, for a new one to be made, or restore a backup in its place"
             ) from error
+        if file is not None and (why := why_closed(file)):
+            raise StoreError(f"the historian cannot be written: {why}") from error
+        where = _OF_A_SERVER if file is None else _OF_A_FILE
         raise StoreError(
-            f"the historian {shown(url)} cannot be written: {cause_of(error)}; check the "
-            "folder's permissions, the free space, and that no other program holds the file"
+            f"the historian {shown(url)} cannot be written: {cause_of(error)}; check {where}"
         ) from error
     except BaseException:
         engine.dispose()
         raise
+    if address.get_backend_name() == "postgresql":
+        bound_lock_waits(engine, busy_timeout)
+    if file is not None:
+        remember_as_open(file)
     return engine
 
 
@@ -97,6 +116,7 @@ def open_for_reading(url: str) -> Engine:
             f"there is no historian at {file} ({why}); run the daemon first, or check data_dir"
         )
     if file is not None:
+        refuse_foreign_log(file)
         refuse_hidden_rows(file)
         refuse_unreadable_file(file)
         if is_read_alone(file):
@@ -160,7 +180,7 @@ def _address(url: str) -> URL:
         address = make_url(url)
     except (ArgumentError, ValueError) as error:  # also for a port of letters
         # Not the text itself: a password may be in it.
-        raise StoreError(
+        raise StoreAddressError(
             "historian.url is not a database address; write sqlite:///history.sqlite or "
             "postgresql://USER@HOST/DATABASE"
         ) from error
@@ -212,11 +232,11 @@ def _engine(address: URL, busy_timeout: float, *, writes: bool = False) -> Engin
     if sqlite:
         patience["timeout"] = busy_timeout
     elif address.get_backend_name() == "postgresql":
-        patience["connect_timeout"] = max(2, round(busy_timeout))
+        patience = connection_patience(address, busy_timeout)
     try:
         engine = create_engine(address, connect_args=patience, pool_pre_ping=not sqlite)
     except (NoSuchModuleError, ImportError) as error:
-        raise StoreError(
+        raise StoreAddressError(
             f"no driver for {address.render_as_string()}: {error}; install it (for PostgreSQL: "
             "pip install 'fieldlink[postgresql]'), or use sqlite:///history.sqlite"
         ) from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fieldlink.errors import FieldlinkError
 
 __all__ = [
+    "StoreAddressError",
     "StoreAwayError",
     "StoreCorruptError",
     "StoreError",
@@ -21,8 +22,16 @@ class StoreAwayError(StoreError):
     """The database server does not answer, or ended the connection; trying again may help."""
 
 
+class StoreAddressError(StoreError):
+    """The address is wrong, or there is no driver for it."""
+
+    may_pass = False
+
+
 class StoreMismatchError(StoreError):
     """The database is not a historian of this release; trying again does not change that."""
+
+    may_pass = False
 
 
 class StoreCorruptError(StoreError):

@@ -10,6 +10,7 @@ from sqlalchemy import Engine, insert
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
 
 from fieldlink.store.damage import is_corruption
+from fieldlink.store.postgresql import is_refusal_of_the_server
 from fieldlink.store.records import Record
 from fieldlink.store.writers import Claim
 
@@ -34,12 +35,12 @@ def insert_batch(engine: Engine, batch: Sequence[Record], claim: Claim | None = 
 
 
 def may_pass(error: SQLAlchemyError) -> bool:
-    """Whether waiting may cure it: locked, full, unplugged, a server that is being restarted.
+    """Whether waiting may cure it: locked, full, unplugged, a server that is away or read-only.
 
     A table or column that is missing is an operational error of SQLite, too, and stays missing.
     """
     if getattr(getattr(error, "orig", None), "sqlite_errorcode", None) == sqlite3.SQLITE_ERROR:
         return False
-    if isinstance(error, OperationalError | InterfaceError):
+    if isinstance(error, OperationalError | InterfaceError) or is_refusal_of_the_server(error):
         return True
     return is_corruption(error) or (isinstance(error, DBAPIError) and error.connection_invalidated)

@@ -10,6 +10,7 @@ from fieldlink.store.damage import set_aside
 from fieldlink.store.database import cause_of, file_of, open_for_writing
 from fieldlink.store.errors import StoreCorruptError, StoreError
 from fieldlink.store.file_presence import Presence
+from fieldlink.store.foreign_log import set_foreign_log_aside
 from fieldlink.store.record_queue import RecordQueue, now_ms
 from fieldlink.store.records import EventRecord
 from fieldlink.store.running_counts import RunningCounts
@@ -113,9 +114,13 @@ class OpenDatabase:
 
     def _open(self, opened: EventRecord) -> Engine:
         file = file_of(self._url)
+        left = "" if file is None else set_foreign_log_aside(file)
         damage = "" if file is None else keep_damaged_log(file)
         engine = open_for_writing(self._url, opened, self._busy_timeout, self.claim)
         self._presence = None if file is None else Presence(file)
+        if left:
+            _log.warning("store.log_left", message=left)
+            self._records.put(EventRecord(now_ms(), "store.log_left", "store", left))
         if damage:
             _log.error("store.log_damaged", error=damage)
             self._records.put(EventRecord(now_ms(), "store.log_damaged", "store", damage))

@@ -60,7 +60,12 @@ class ServiceUnit:
 
 
 def unit_of(
-    site: Site, *, program: Path, user: str | None = "fieldlink", name: str | None = None
+    site: Site,
+    *,
+    program: Path,
+    user: str | None = "fieldlink",
+    name: str | None = None,
+    python: Path | None = None,
 ) -> ServiceUnit:
     """Return the unit of a site.
 
@@ -69,6 +74,8 @@ def unit_of(
         program: the ``fieldlink`` executable.
         user: the account it runs under; None for a unit of the user who installs it.
         name: the service's name; ``fieldlink-`` and the site's name unless given.
+        python: where the Python is that runs the program. A virtual environment in /opt may stand
+            on one in somebody's home (pyenv, uv), which the unit must not hide.
 
     Raises:
         UnitError: a name or a path cannot stand in a unit.
@@ -85,7 +92,8 @@ def unit_of(
         if not folder.is_relative_to(data_dir):
             writable.append(folder)
     site_file = _absolute(site.path)
-    touched = (site_file, data_dir, program, *writable)
+    runs = (program, *(() if python is None else (_absolute(python),)))
+    touched = (site_file, data_dir, *runs, *writable)
     at_home = any(path.is_relative_to(home) for path in touched for home in _HOMES)
     in_tmp = any(path.is_relative_to(tmp) for path in touched for tmp in _SHARED_TMP)
     text = render_unit(

@@ -17,13 +17,31 @@ from prometheus_client.core import (
     Metric,
 )
 
-from fieldlink.daemon import LATENESS_BOUNDS, DaemonStatus, EstimateOutcome
+from fieldlink.daemon import (
+    LATENESS_BOUNDS,
+    DaemonStatus,
+    EstimateOutcome,
+    LoopStatus,
+    WritebackOutcome,
+)
 from fieldlink.links import LinkState
 from fieldlink.web.finding_metrics import metrics_of_findings
 
 __all__ = ["collect_metrics", "render_metrics"]
 
 VERDICTS = ("stiction", "no_stiction", "not_assessable")
+
+NOT_TAKEN = (
+    WritebackOutcome.REJECTED,
+    WritebackOutcome.NOT_ACKNOWLEDGED,
+    WritebackOutcome.WRITE_FAILED,
+    WritebackOutcome.READBACK_DIFFERS,
+    WritebackOutcome.COMMIT_FAILED,
+    WritebackOutcome.CONTESTED,
+    WritebackOutcome.DISAGREES,
+)
+"""Outcomes that a loop which may be written has from the start, as 0: Prometheus sees no increase
+in a count that is there only once it is 1."""
 
 _process = CollectorRegistry()
 ProcessCollector(registry=_process)
@@ -103,7 +121,7 @@ def _of_loops(status: DaemonStatus) -> Iterator[Metric]:
         idle.add_metric(own, loop.idle)
         period.add_metric(own, loop.filled)
         estimates.add_metric(own, loop.estimates)
-        for outcome, count in loop.outcomes.items():
+        for outcome, count in _writebacks(loop).items():
             writebacks.add_metric([*own, outcome], count)
         found = None if loop.last_estimate is None else loop.last_estimate.findings
         if found is None:
@@ -115,6 +133,11 @@ def _of_loops(status: DaemonStatus) -> Iterator[Metric]:
             for bound in ("value", "low", "high"):
                 family.add_metric([*own, bound], getattr(interval, bound))
     yield from (slots, idle, period, estimates, verdict, stick_band, slip_jump, score, writebacks)
+
+
+def _writebacks(loop: LoopStatus) -> dict[str, int]:
+    begun = {outcome.code: 0 for outcome in NOT_TAKEN} if loop.may_write else {}
+    return begun | dict(loop.outcomes)
 
 
 def _of_devices(status: DaemonStatus) -> Iterator[Metric]:

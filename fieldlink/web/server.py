@@ -42,6 +42,8 @@ _log = structlog.get_logger(__name__)
 class WebError(FieldlinkError):
     """The endpoints cannot be guarded as the site file asks."""
 
+    may_pass = False
+
 
 class _Server(uvicorn.Server):
     """Signals are the daemon's, not the server's."""
@@ -231,7 +233,11 @@ def read_token(file: Path) -> str:
         token = file.read_text(encoding="utf-8").strip()
         mode = file.stat().st_mode
     except (OSError, UnicodeDecodeError) as error:
-        raise WebError(f"web.token_file {file} cannot be read: {error}") from error
+        why = getattr(error, "strerror", None) or "it is not a text"
+        raise WebError(
+            f"the token's file {file} cannot be read ({why}); let this user read it, and nobody "
+            "else write it"
+        ) from error
     if mode & (stat.S_IROTH | stat.S_IWOTH):
         raise WebError(
             f"web.token_file {file} can be read by everybody on this machine; chmod 640 {file}"

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
+from fieldlink.cli.run import TRY_AGAIN
 from fieldlink.daemon import only_daemon
 from fieldlink.store import read_events
 from tests.cli.conftest import SCRIPT, Run
@@ -83,7 +84,7 @@ def test_plant_refuses_a_port_in_use(fieldlink: Run, demo_site: Path) -> None:
 def test_run_refuses_a_data_directory_that_is_a_file(fieldlink: Run, demo_site: Path) -> None:
     (demo_site.parent / "data").write_text("in the way")
     result = fieldlink("run", demo_site, "--duration", "5")
-    assert result.returncode == 2
+    assert result.returncode == TRY_AGAIN
     assert "data" in result.stderr
     assert "Traceback" not in result.stderr
 
@@ -141,7 +142,7 @@ def test_a_second_daemon_is_refused_before_it_says_anything_else(
     # Its web port would be the first one's, too.
     with only_daemon(demo_site.parent / "data"):
         result = fieldlink("run", demo_site)
-    assert result.returncode == 2
+    assert result.returncode == TRY_AGAIN
     (line,) = result.stderr.splitlines()
     assert "in use by process" in line
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import signal
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,20 @@ from typer.testing import CliRunner
 
 from fieldlink.cli.app import app
 from fieldlink.daemon import Daemon
-from fieldlink.daemon.installation import InUseError, is_in_use, writer_identity
+from fieldlink.daemon.installation import (
+    InUseError,
+    is_in_use,
+    only_daemon,
+    writer_identity,
+)
 from fieldlink.registers import Fallback
-from fieldlink.store import StoreError, read_events, read_writebacks
+from fieldlink.store import (
+    EventRecord,
+    Historian,
+    StoreError,
+    read_events,
+    read_writebacks,
+)
 from tests.daemon.live import PATIENCE, POOL, STORE, plant_on, running, site_for, until
 
 WRITEBACK = """
@@ -162,3 +175,29 @@ async def test_the_heartbeat_has_a_beat_of_its_own(device: Any, plc: Any, tmp_pa
         await until(lambda: sum(a == 106 for _, a, _ in device.writes) >= 40, "heartbeats")
     # Two scans a period of 20 s, a heartbeat every two seconds or a little more.
     assert sum(a == 106 for _, a, _ in device.writes) > 1.5 * count(0)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
+def test_files_that_root_has_left_are_named_with_the_remedy() -> None:
+    """A daemon that was run by hand with sudo, and then as the service's account."""
+    account = 60_001
+    url = "sqlite:///{}/history.sqlite"
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        historian = Historian(url.format(folder))
+        historian.start(EventRecord(0, "start", "daemon", ""))
+        historian.stop()
+        with only_daemon(folder):
+            pass
+        for file in folder.iterdir():
+            file.chmod(0o600)
+        os.chown(folder, account, -1)
+        for left in ("daemon.lock", "writer-id", "history.sqlite"):
+            said = rf"{left} belongs to root, .*: chown -R {account} {folder}$"
+            os.seteuid(account)
+            try:
+                with pytest.raises(StoreError, match=said), only_daemon(folder):
+                    Historian(url.format(folder)).start(EventRecord(0, "start", "daemon", ""))
+            finally:
+                os.seteuid(0)
+            os.chown(folder / left, account, -1)

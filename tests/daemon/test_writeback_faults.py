@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.exchange_io import ControlWords
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
+from fieldlink.daemon.writeback.sole_writer import SoleWriter, Standing
 from fieldlink.registers import (
     ACCEPTED,
     BLOCK_REGISTERS,
@@ -205,6 +208,25 @@ async def test_a_heartbeat_register_that_keeps_nothing_means_no_compensation(
     await b.seconds(6)
     assert b.plc.state.fallback is None
     assert b.writeback.compensates is True
+
+
+def test_a_heartbeat_that_a_second_writer_counts_up_is_not_said_to_stand_still() -> None:
+    """A copied data directory: two daemons with one identity. The PLC sees a living heartbeat."""
+    writers = [SoleWriter(7), SoleWriter(7)]
+    words = ControlWords(
+        enable=1, ack_seq=1, ack_result=1, active_bank=1, ack_commit=257, heartbeat=5, commit=257,
+        writer=7,
+    )  # fmt: skip
+    for k in range(60):
+        writer = writers[k % 2]
+        writer.look(words, 0.5 * k)
+        words = replace(words, heartbeat=writer.next_beat(words))
+    assert [writer.standing for writer in writers] == [Standing.CONTESTED] * 2
+    assert not any(writer.is_unheard(30.0) for writer in writers)
+    for k in range(60, 90):
+        writers[0].look(words, 0.5 * k)
+        writers[0].next_beat(words)
+    assert writers[0].is_unheard(45.0)
 
 
 async def test_an_answer_that_names_the_other_bank_accepts_nothing(

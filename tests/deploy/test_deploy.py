@@ -15,6 +15,7 @@ import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
 from fieldlink.cli.app import app
+from fieldlink.cli.run import TRY_AGAIN
 from fieldlink.daemon import (
     DaemonStatus,
     DeviceStatus,
@@ -25,9 +26,12 @@ from fieldlink.daemon import (
     LoopStatus,
     WritebackOutcome,
 )
+from fieldlink.daemon.installation import InUseError
 from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.links import LinkState
-from fieldlink.store import StoreReport
+from fieldlink.site import SiteError
+from fieldlink.store import StoreError, StoreReport
+from fieldlink.store.errors import StoreAddressError, StoreMismatchError
 from fieldlink.web import render_metrics
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -161,6 +165,19 @@ def test_the_service_waits_for_the_daemons_own_word() -> None:
     assert int(service["TimeoutStopSec"]) > 25
 
 
+def test_the_service_waits_for_what_comes_up_later_and_not_for_a_wrong_site_file() -> None:
+    """After a power cut a database server may need longer than any number of starts lasts."""
+    parsed = unit()
+    assert (parsed["Service"]["Restart"], parsed["Unit"]["StartLimitIntervalSec"]) == (
+        "on-failure", "0"
+    )  # fmt: skip
+    ends = set(parsed["Service"]["RestartPreventExitStatus"].split())
+    assert ends == {"2"}
+    assert str(TRY_AGAIN) not in ends
+    later, never = (StoreError, InUseError), (SiteError, StoreAddressError, StoreMismatchError)
+    assert [kind.may_pass for kind in (*later, *never)] == [True, True, False, False, False]
+
+
 def test_the_service_can_open_serial_ports() -> None:
     service = unit()["Service"]
     assert service["SupplementaryGroups"] == "dialout"
@@ -172,7 +189,11 @@ def test_the_kernels_are_compiled_where_the_service_may_write() -> None:
     """systemd makes the cache directory of a bare machine, before anything of the unit runs."""
     service = unit()["Service"]
     # %C is /var/cache for a system's unit (systemd.unit(5)).
-    assert service["Environment"] == f"NUMBA_CACHE_DIR=%C/{service['CacheDirectory']}"
+    cache = f"%C/{service['CacheDirectory']}"
+    # Reports with pictures: matplotlib would warn of a home that is read-only, at every start.
+    assert service["Environment"].split() == [
+        f"NUMBA_CACHE_DIR={cache}", f"MPLCONFIGDIR={cache}/matplotlib"
+    ]  # fmt: skip
     program, command = service["ExecStartPre"].split()
     assert (program, command) == ("/opt/fieldlink/bin/fieldlink", "warm-up")
     assert command in {name.name for name in app.registered_commands}

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sqlite3
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from datetime import UTC, datetime
@@ -25,6 +27,7 @@ from fieldlink.store import (
     StoreError,
     back_up,
     export,
+    read_events,
     read_samples,
 )
 
@@ -134,6 +137,34 @@ def test_a_backup_does_not_wait_for_a_lock_without_end(
         with pytest.raises(StoreError, match="database is locked; another program holds it"):
             back_up(f"sqlite:///{copied}", folder / "copy.sqlite")
     assert not (folder / "copy.sqlite").exists()
+
+
+def test_a_copy_restored_beside_the_log_of_a_killed_daemon_stays_what_it_is(tmp_path: Path) -> None:
+    file, copy = tmp_path / "history.sqlite", tmp_path / "copy.sqlite"
+    historian = Historian(f"sqlite:///{file}", HistorianSettings(linger=0.01))
+    historian.start(OPENED)
+    assert back_up(f"sqlite:///{file}", copy).samples == 0
+    historian.put(sample(1))
+    while historian.report().waiting or historian.report().written < 2:
+        time.sleep(0.005)
+    # What kill -9 leaves, and the copy put in place of the file alone.
+    (tmp_path / "restored").mkdir()
+    restored = tmp_path / "restored" / "history.sqlite"
+    shutil.copy(copy, restored)
+    for part in ("history.sqlite-wal", "history.sqlite-shm"):
+        shutil.copy(tmp_path / part, restored.parent)
+    historian.stop()
+    url = f"sqlite:///{restored}"
+    for read in (read_samples, lambda url: back_up(url, tmp_path / "second.sqlite")):
+        with pytest.raises(StoreError, match=r"remove history.sqlite-wal and history.sqlite-shm"):
+            read(url)
+    again = Historian(url)
+    again.start(OPENED)
+    again.put(sample(2))
+    assert again.stop().last_error == ""
+    assert read_samples(url)["slot"].tolist() == [2]
+    assert read_events(url)["kind"].tolist() == ["start", "start", "store.log_left"]
+    assert len(list(restored.parent.glob("history.sqlite-wal.left-*"))) == 1
 
 
 @pytest.mark.usefixtures("url")

@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -30,6 +30,7 @@ from fieldlink.store import (
     read_samples,
     read_writebacks,
 )
+from fieldlink.store.postgresql import connection_patience
 from tests.store.writers import killed_is_replaced, second_is_refused, sleeper_waits
 from tests.web.test_newest_rows import check_newest, fill_windows
 
@@ -179,9 +180,65 @@ def test_a_server_that_is_restarted_loses_nothing(server: Server, url: str) -> N
     ]  # fmt: skip
 
 
+def statements(url: str, *texts: str) -> None:
+    import sqlalchemy
+
+    address = url.replace("postgresql:", "postgresql+psycopg:")
+    engine = sqlalchemy.create_engine(address, isolation_level="AUTOCOMMIT")
+    with engine.connect() as connection:
+        for text in texts:
+            connection.execute(sqlalchemy.text(text))
+    engine.dispose()
+
+
+def test_records_wait_while_the_server_is_read_only_or_a_table_is_locked(url: str) -> None:
+    """A stand-by after a switch-over, a disk that is nearly full; VACUUM FULL, ALTER TABLE."""
+    import sqlalchemy
+
+    historian = Historian(url, replace(QUICK, busy_timeout=0.1))
+    historian.start(OPENED)
+    others = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
+    statements(url, "ALTER DATABASE postgres SET default_transaction_read_only = on", others)
+    historian.put(sample(0))
+    while historian.report().retries < 2:
+        time.sleep(0.005)
+    assert historian.report().failing
+    assert "read-only transaction" in historian.report().last_error
+    statements(
+        url,
+        "SET default_transaction_read_only = off",
+        "ALTER DATABASE postgres RESET default_transaction_read_only",
+        others,
+    )
+    while historian.report().waiting:
+        time.sleep(0.005)
+    engine = sqlalchemy.create_engine(url.replace("postgresql:", "postgresql+psycopg:"))
+    with engine.begin() as connection:
+        connection.execute(sqlalchemy.text("LOCK TABLE samples IN ACCESS EXCLUSIVE MODE"))
+        historian.put(sample(1))
+        while not historian.report().failing:
+            time.sleep(0.005)
+        assert "lock timeout" in historian.report().last_error
+    engine.dispose()
+    report = historian.stop()
+    assert (report.dropped, report.failing) == (0, False)
+    assert read_samples(url)["slot"].tolist() == [0, 1]
+
+
+def test_a_server_that_falls_silent_is_not_waited_for_without_end() -> None:
+    """Linux tries for a quarter of an hour; what the site file says itself stays as it says."""
+    from sqlalchemy.engine import make_url
+
+    bounds = connection_patience(make_url("postgresql://db/history?connect_timeout=60"), 5.0)
+    assert "connect_timeout" not in bounds
+    assert bounds["tcp_user_timeout"] <= 30_000
+    probes = bounds["keepalives_interval"] * bounds["keepalives_count"]
+    assert bounds["keepalives_idle"] + probes <= 30
+
+
 def test_a_server_that_is_not_there_is_named_without_the_password(tmp_path: Path) -> None:
     url = f"postgresql://keeper:hunter2@/postgres?host={tmp_path}"
-    with pytest.raises(StoreError, match="cannot be written") as caught:
+    with pytest.raises(StoreError, match=r"cannot be written.* check that the server") as caught:
         Historian(url, QUICK).start(OPENED)
     assert "keeper" in str(caught.value)
     assert "hunter2" not in str(caught.value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import configparser
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,29 @@ def test_the_unit_names_the_site_s_own_paths(tmp_path: Path) -> None:
     own = parsed(run("show", site, "--user").stdout)
     assert not {"User", "Nice", "ProtectSystem", "StateDirectory"} & set(own["Service"])
     assert own["Install"]["WantedBy"] == "default.target"
+
+
+@pytest.mark.parametrize(
+    ("python", "said"), [("/home/ann/.pyenv/versions/3.11", "read-only"), ("/usr", "yes")]
+)
+def test_a_python_in_somebodys_home_is_not_hidden(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, python: str, said: str
+) -> None:
+    """With ProtectHome=yes the service would end with 203/EXEC: there is no interpreter."""
+    monkeypatch.setattr(sys, "base_prefix", python)
+    monkeypatch.setattr(sys, "executable", "/opt/fieldlink/bin/python")
+    monkeypatch.setattr(shutil, "which", lambda _: "/opt/fieldlink/bin/fieldlink")
+    service = parsed(run("show", site_in(tmp_path)).stdout)["Service"]
+    assert service["ProtectHome"] == said
+
+
+def test_serial_ports_are_open_and_the_clock_is_not(tmp_path: Path) -> None:
+    """Before systemd 253 ProtectClock= stands for a list of devices that has the clock alone."""
+    service = parsed(run("show", site_in(tmp_path)).stdout)["Service"]
+    assert not {"ProtectClock", "DeviceAllow", "DevicePolicy"} & set(service)
+    assert service["PrivateDevices"] == "no"
+    assert service["CapabilityBoundingSet"] == "~CAP_SYS_TIME CAP_WAKE_ALARM"
+    assert service["SystemCallFilter"] == "~@clock"
 
 
 def test_systemd_makes_a_data_folder_below_var_lib(tmp_path: Path) -> None:

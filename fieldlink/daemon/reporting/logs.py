@@ -28,7 +28,7 @@ _IN_A_FOLDER = re.compile(r"/[^\s/?&]*\Z")
 def configure_logging(level: int = logging.INFO) -> None:
     """Send the project's events to stderr as ``key=value`` lines, coloured on a terminal.
 
-    What pymodbus and APScheduler log, the daemon counts and says itself.
+    What pymodbus, APScheduler and psycopg log, the daemon counts and says itself.
     """
     renderer: structlog.typing.Processor = (
         structlog.dev.ConsoleRenderer()
@@ -53,8 +53,8 @@ def configure_logging(level: int = logging.INFO) -> None:
         level=logging.WARNING, stream=sys.stderr, format="level=%(levelname)s event=%(message)r"
     )
     logging.getLogger().handlers[0].addFilter(_without_secrets)
-    logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
-    logging.getLogger("apscheduler").setLevel(logging.CRITICAL)
+    for library in ("pymodbus.logging", "apscheduler", "psycopg"):
+        logging.getLogger(library).setLevel(logging.CRITICAL)
 
 
 class _Lines:

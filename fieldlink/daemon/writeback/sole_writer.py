@@ -142,8 +142,10 @@ class SoleWriter:
         return since is not None and now - since > HEARTBEAT_TIMEOUT
 
     def _watch_own(self, control: ControlWords, now: float) -> None:
-        # Nothing is written without the enable bit, so nothing has to be kept then.
-        if not self._beats or not control.enabled or control.heartbeat == self._beats[-1]:
+        # Nothing is written without the enable bit, so nothing has to be kept then. A register that
+        # another writer counts up is alive for the reader, though it does not keep our beats.
+        stands_still = bool(self._beats) and control.heartbeat == self._beats[0]
+        if not control.enabled or not stands_still:
             self._unkept_since = None
         elif self._unkept_since is None:
             self._unkept_since = now
