@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -19,6 +18,12 @@ __all__ = ["rank_causes"]
 _INFERRED = 0.9
 """Weight of what is inferred beside what shows itself, at the most, as a share of its weight: slow
 tuning beside a sticky valve or a wave from outside, a curved characteristic beside a limit."""
+
+_SCHEDULE_OVER_PV = (
+    "Linearise: schedule the gain over PV or the set-point; until then tune for the range of the "
+    "highest gain."
+)
+"""What helps where the process is curved and not the valve."""
 
 
 def rank_causes(
@@ -149,16 +154,16 @@ def _characteristic(found: Gathered, settings: DiagnosisSettings) -> Cause | Non
     one, judging = found.explained, settings.judging
     if one is None or one.curved < judging.threshold or found.is_sticky:
         return None
-    ratio = math.exp(min(50.0, abs(one.bend) * found.op_middle))
-    is_process = one.process > 2.0 * judging.threshold
-    if not is_process or ratio < judging.ratio:
+    curvature, is_process = found.curvature, one.process > 2.0 * judging.threshold
+    if curvature is None or not is_process or curvature.ratio < judging.ratio:
         return None
     return Cause(
         CauseName.CHARACTERISTIC,
-        (1.0 - 1.0 / ratio) * (1.0 - found.limits.cost),
+        (1.0 - 1.0 / curvature.ratio) * (1.0 - found.limits.cost),
         (
-            f"the gain from OP to PV changes {ratio:.2g} times over OP's middle nine tenths and is "
-            f"{'higher' if one.bend > 0.0 else 'lower'} at high OP: log Bayes factor "
-            f"{one.curved:.0f} over a straight characteristic",
+            f"the gain from OP to PV changes {curvature.ratio:.2g} times over {curvature.over}'s "
+            f"middle nine tenths and is {curvature.where}: log Bayes factor {one.curved:.0f} over "
+            f"a gain that does not change",
         ),
+        _SCHEDULE_OVER_PV if curvature.over == "PV" else "",
     )

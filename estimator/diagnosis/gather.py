@@ -12,6 +12,7 @@ from estimator.cleaning import find_slow_transmitter
 from estimator.controller.controller import Controller
 from estimator.controller.shifts import tell_shift
 from estimator.diagnosis.amplitude import swing_amplitude
+from estimator.diagnosis.curvature import curvature_of
 from estimator.diagnosis.explanations import Explained, explain
 from estimator.diagnosis.facts import by_hand_of, in_long_runs, limits_of, sensor_of, span_of
 from estimator.diagnosis.figures import share_around
@@ -128,8 +129,8 @@ def gather(
         loop=loop,
         loop_beside_wave=beside_wave,
         gap=gap,
+        curvature=curvature_of(explained, record.op, pv[record.good]),
         op_span=float(np.ptp(record.op)),
-        op_middle=float(np.ptp(np.quantile(record.op, [0.05, 0.95]))),
         predictable=predictable,
         samples=cut.op.size,
         duration_s=record.op.size * period,
