@@ -45,6 +45,7 @@ class Gathered:
     Attributes:
         swing, signal: the main oscillation and where it is.
         limits, sensor, manual: facts of the record; ``manual`` is a share of the samples.
+        has_mode: whether the controller's mode was recorded.
         still: share of the samples in which OP stands still for long, and nothing tells whether a
             hand holds it: no controller explains OP's moves, and no mode was recorded.
         has_pv: whether PV was recorded.
@@ -77,6 +78,7 @@ class Gathered:
     has_pv: bool
     sensor: Sensor | None = None
     manual: float = 0.0
+    has_mode: bool = True
     still: float = 0.0
     controller: Controller | None = None
     explained: Explained | None = None
