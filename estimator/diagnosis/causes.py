@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -13,12 +12,19 @@ from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.slow_causes import find_slow
 from estimator.diagnosis.swing_causes import find_outside, find_tight, sticky_weight
 from estimator.diagnosis.tuning import Advice
+from estimator.diagnosis.wording import digits
 
 __all__ = ["rank_causes"]
 
 _INFERRED = 0.9
 """Weight of what is inferred beside what shows itself, at the most, as a share of its weight: slow
 tuning beside a sticky valve or a wave from outside, a curved characteristic beside a limit."""
+
+_SCHEDULE_OVER_PV = (
+    "Linearise: schedule the gain over PV or the set-point; until then tune for the range of the "
+    "highest gain."
+)
+"""What helps where the process is curved and not the valve."""
 
 
 def rank_causes(
@@ -64,11 +70,13 @@ def _told(tried: Iterable[Cause | None], settings: DiagnosisSettings) -> list[Ca
 def _manual(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     if found.manual < settings.judging.by_hand:
         return None
-    return Cause(
-        CauseName.MANUAL,
-        0.5 + 0.5 * found.manual,
-        (f"the controller is in manual for {found.manual:.0%} of the record",),
-    )
+    text = f"the controller is in manual for {found.manual:.0%} of the record"
+    if not found.has_mode:
+        text = (
+            f"OP does not answer the control error for {found.manual:.0%} of the record, as in "
+            f"manual; the mode was not recorded"
+        )
+    return Cause(CauseName.MANUAL, 0.5 + 0.5 * found.manual, (text,))
 
 
 def _sensor(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
@@ -82,7 +90,8 @@ def _sensor(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     if sensor.step > judging.step:
         weight = max(weight, min(1.0, 0.5 * sensor.step))
         evidence.append(
-            f"PV moves in steps of {sensor.step:.2g} standard deviations of the control error"
+            f"PV moves in steps of {digits(sensor.step, 2)} standard deviations of the control "
+            f"error"
         )
     if sensor.spike_cost >= judging.told:
         weight = max(weight, sensor.spike_cost)
@@ -99,7 +108,7 @@ def _sensor(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         weight = max(weight, sensor.noise_share)
         evidence.append(
             f"noise is {sensor.noise_share:.0%} of the error's variance and moves OP by "
-            f"{100.0 * sensor.shaken:.2g} % from sample to sample"
+            f"{digits(100.0 * sensor.shaken, 2)} % from sample to sample"
         )
     return Cause(CauseName.SENSOR, weight, tuple(evidence)) if evidence else None
 
@@ -109,7 +118,7 @@ def _saturation(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     if limits.share < settings.facts.least_limit:
         return None
     sides = [side for side, held in (("highest", limits.high), ("lowest", limits.low)) if held]
-    value = "" if len(sides) > 1 else f" ({limits.value:.4g})"
+    value = "" if len(sides) > 1 else f" ({digits(limits.value, 4)})"
     return Cause(
         CauseName.SATURATION,
         max(limits.cost, 0.5 * limits.share),
@@ -132,7 +141,8 @@ def _sticky(found: Gathered) -> Cause | None:
             f"a sticky valve explains PV better than any other explanation: log Bayes factor "
             f"{one.sticking:.0f}, {one.spread:.0f} without the part of the record that shows it "
             f"best",
-            f"stick band about {one.band:.3g}, slip jump about {one.jump:.3g} in units of OP",
+            f"stick band about {digits(one.band, 3)}, slip jump about {digits(one.jump, 3)} in "
+            f"units of OP",
         ),
     )
 
@@ -145,20 +155,24 @@ def _may_stick(found: Gathered, settings: DiagnosisSettings) -> bool:
     return one.sticking >= judging.threshold and one.spread >= judging.unsure
 
 
+def _times(ratio: float) -> str:
+    return "more than a thousand times" if ratio > 1000.0 else f"{digits(ratio, 2)} times"
+
+
 def _characteristic(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     one, judging = found.explained, settings.judging
     if one is None or one.curved < judging.threshold or found.is_sticky:
         return None
-    ratio = math.exp(min(50.0, abs(one.bend) * found.op_middle))
-    is_process = one.process > 2.0 * judging.threshold
-    if not is_process or ratio < judging.ratio:
+    curvature, is_process = found.curvature, one.process > 2.0 * judging.threshold
+    if curvature is None or not is_process or curvature.ratio < judging.ratio:
         return None
     return Cause(
         CauseName.CHARACTERISTIC,
-        (1.0 - 1.0 / ratio) * (1.0 - found.limits.cost),
+        (1.0 - 1.0 / curvature.ratio) * (1.0 - found.limits.cost),
         (
-            f"the gain from OP to PV changes {ratio:.2g} times over OP's middle nine tenths and is "
-            f"{'higher' if one.bend > 0.0 else 'lower'} at high OP: log Bayes factor "
-            f"{one.curved:.0f} over a straight characteristic",
+            f"the gain from OP to PV changes {_times(curvature.ratio)} over {curvature.over}'s "
+            f"middle nine tenths and is {curvature.where}: log Bayes factor {one.curved:.0f} over "
+            f"a gain that does not change",
         ),
+        _SCHEDULE_OVER_PV if curvature.over == "PV" else "",
     )

@@ -1,7 +1,7 @@
 """The explanations of one window, weighed on the same rows.
 
-A healthy valve is tried as it is, with an oscillation from outside, and with a curved
-characteristic (see `estimator.diagnosis.rivals`); a sticky valve as the estimator found it. Each
+A healthy valve is tried as it is, with an oscillation from outside, and with a gain that changes
+with OP or PV (see `estimator.diagnosis.rivals`); a sticky valve as the estimator found it. Each
 explanation is the estimator's own likelihood on its own rows, so that all compare in nats.
 
 Once no valve sticks, rows in which the load jumps (innovations far outside) are left out, for every
@@ -25,6 +25,7 @@ from estimator.diagnosis import rivals
 from estimator.diagnosis.advice_settings import Advising
 from estimator.diagnosis.long_noise import under_long_noise
 from estimator.diagnosis.plausible import FittedWindow
+from estimator.diagnosis.pv_curves import PvCurve
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
 from estimator.diagnosis.valve_evidence import judge_valve
@@ -58,11 +59,12 @@ class Explained:
         reasons: why the window cannot be explained at all; everything else is then empty.
         sticking: log Bayes factor of a sticky valve over the best other explanation.
         outside: of an oscillation from outside over none.
-        curved: of a curved characteristic over a straight one.
+        curved: of a gain that changes with the operating point over one that does not.
         process: of the process over a PV that does not follow OP.
         model: the process of the likeliest explanation, units of OP and PV; None without one.
         stem: the stem of the sticky valve in units of OP, ``(n,)``; OP where none sticks.
         bend: the gain grows by ``exp(bend * change of OP)``; 0 for a straight characteristic.
+        over_pv: how the gain changes with PV, in units of PV; None where it does not.
         band, jump: S and J of the sticky valve, units of OP; 0 where none sticks.
         jumps: rows that were left out as jumps of the load.
         spread: evidence for the sticky valve without the part of the window that holds most of it
@@ -95,6 +97,7 @@ class Explained:
     beside_wave: ProcessModel | None = None
     wave: OutsideWave | None = None
     slides: bool = False
+    over_pv: PvCurve | None = None
 
 
 def explain(
@@ -178,6 +181,9 @@ def explain(
         fitted=FittedWindow(chosen.case, window, chosen.fit, late),
         beside_wave=None if swung is None else _model(window, swung, late),
         wave=wave,
+        over_pv=None
+        if chosen.over_pv is None
+        else chosen.over_pv.in_units(window.pv_centre, window.pv_scale),
     )
 
 
@@ -217,7 +223,9 @@ def _without_valve(
     curved = bent.likelihood - plain.likelihood
     if curved >= least:
         judging = case.settings.judging
-        spread = without_best(masked, plain, bent.fit, judging.parts) - bent.price
+        shown = bent.fit if bent.as_recorded is None else bent.as_recorded
+        pays = 0.5 * math.log(masked.rows.count)
+        spread = without_best(masked, plain, shown, judging.parts) - pays
         # a characteristic is curved all the time, a load jumps once
         curved = curved if spread >= judging.steady else spread
     if curved >= least:
@@ -236,7 +244,7 @@ def _without_valve(
     if wave is None:
         return base, None, -math.inf, curved, jumps
     outside = wave.likelihood - base.fit.likelihood
-    chosen = replace(wave, bend=base.bend) if outside > 0.0 else base
+    chosen = replace(wave, bend=base.bend, over_pv=base.over_pv) if outside > 0.0 else base
     if outside > -least:
         # a few slow waves stand for what a short noise model lacks
         under_long = under_long_noise(wave.case, wave.fit, base.case, base.fit, advising)

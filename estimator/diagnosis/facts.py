@@ -82,6 +82,7 @@ def by_hand_of(
     controller: Controller | None,
     settings: Facts,
     period: float = 1.0,
+    usable: Mask | None = None,
 ) -> Mask:
     """Samples in manual, ``(n,)``; from the signals where no mode was recorded.
 
@@ -90,15 +91,17 @@ def by_hand_of(
     limit holds OP as well, at its highest or lowest value, as long as the errors since it was
     reached ask for more in sum; where they ask for less, a controller would have left it. A hand
     also sets one value right after another: a controller leaves a limit on its way through others.
+    Only ``usable`` samples count: what bridges a hole is not OP.
     """
     if auto is not None:
         return ~auto
     if np.ptp(error) == 0.0:
         return np.zeros(op.size, dtype=bool)
+    read = np.ones(op.size, dtype=bool) if usable is None else usable
     # without an error a controller keeps still
     runs = held_runs(op, error, controller, period, settings)
     still = mask_of(runs, op.size)
-    still &= error != 0.0
+    still &= (error != 0.0) & read
     if np.ptp(op) == 0.0:
         return still
     limited = still & at_limit(op) & ~mask_of(_set_by_hand(runs, error), op.size)

@@ -12,9 +12,10 @@ from estimator.cleaning import find_slow_transmitter
 from estimator.controller.controller import Controller
 from estimator.controller.shifts import tell_shift
 from estimator.diagnosis.amplitude import swing_amplitude
+from estimator.diagnosis.curvature import curvature_of
 from estimator.diagnosis.explanations import Explained, explain
 from estimator.diagnosis.facts import by_hand_of, in_long_runs, limits_of, sensor_of, span_of
-from estimator.diagnosis.figures import share_around
+from estimator.diagnosis.figures import few_steps, share_around
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.headroom import headroom_of
 from estimator.diagnosis.linear_loop import LinearLoop
@@ -80,7 +81,9 @@ def gather(
     pv, error = record.pv, record.error
     assert pv is not None
     assert error is not None
-    by_hand = by_hand_of(record.op, record.auto, error, controller, settings.facts, period)
+    by_hand = by_hand_of(
+        record.op, record.auto, error, controller, settings.facts, period, record.good
+    )
     recorded = record
     if by_hand.any():
         record = replace(record, auto=~by_hand)
@@ -120,6 +123,7 @@ def gather(
         has_pv=True,
         sensor=sensor,
         manual=manual,
+        has_mode=recorded.auto is not None,
         still=0.0
         if math.isfinite(gap)
         else _unclear(recorded, controller, by_hand | limits.where, settings),
@@ -128,8 +132,8 @@ def gather(
         loop=loop,
         loop_beside_wave=beside_wave,
         gap=gap,
+        curvature=curvature_of(explained, record.op, pv[record.good]),
         op_span=float(np.ptp(record.op)),
-        op_middle=float(np.ptp(np.quantile(record.op, [0.05, 0.95]))),
         predictable=predictable,
         samples=cut.op.size,
         duration_s=record.op.size * period,
@@ -153,13 +157,17 @@ def find_swing(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscilla
     calm = record.error
     if calm is not None:
         calm = without_setpoint_steps(calm, record.sp)
+    # PV and OP follow the set-point: where that steps now and then, scattered steps have no period
+    steps = 0 if record.sp is None else int(np.count_nonzero(np.diff(record.sp)))
+    follows = 0 < steps <= few_steps(record.op.size)
     # about a constant set-point PV is the error upside down
     pv = None if record.sp is None or np.ptp(record.sp) == 0.0 else record.pv
     for name, values in (("error", calm), ("pv", pv), ("op", record.op)):
         if values is None:
             continue
         found = detect_oscillation(values, period=record.period, settings=settings.swinging)
-        if found.present:
+        is_own = name == "error" or not follows or has_steady_period(found, settings.judging)
+        if found.present and is_own:
             return found, name
         if best is None:
             best = (found, name)

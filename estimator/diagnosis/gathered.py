@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from estimator.controller.controller import Controller
+from estimator.diagnosis.curvature import Curvature
 from estimator.diagnosis.explanations import Explained
 from estimator.diagnosis.facts import Limits, Sensor
 from estimator.diagnosis.linear_loop import LinearLoop
@@ -18,6 +19,9 @@ from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.outcomes import Reason, ReasonCode
 
 __all__ = ["Gathered", "error_lasts"]
+
+_STEEPEST = math.exp(5.0)
+"""Largest factor on a gain: beyond, any loop swings."""
 
 
 def error_lasts(predictable: tuple[float, float], settings: DiagnosisSettings) -> bool:
@@ -41,6 +45,7 @@ class Gathered:
     Attributes:
         swing, signal: the main oscillation and where it is.
         limits, sensor, manual: facts of the record; ``manual`` is a share of the samples.
+        has_mode: whether the controller's mode was recorded.
         still: share of the samples in which OP stands still for long, and nothing tells whether a
             hand holds it: no controller explains OP's moves, and no mode was recorded.
         has_pv: whether PV was recorded.
@@ -48,7 +53,8 @@ class Gathered:
         loop_beside_wave: the loop with the process as fitted beside a wave from outside; None
             where no wave was tried.
         gap: error up to which OP stands still, NaN where it does not depend on the error.
-        op_span, op_middle: span of OP, and of its middle nine tenths.
+        curvature: how the gain changes over the record; None for a gain that does not.
+        op_span: span of OP.
         predictable: shares of the error told one and two integral times ahead.
         setpoint_swings: whether SP has the oscillation too.
         wave_share: share of the error's variance around the period of the wave that comes with a
@@ -72,14 +78,15 @@ class Gathered:
     has_pv: bool
     sensor: Sensor | None = None
     manual: float = 0.0
+    has_mode: bool = True
     still: float = 0.0
     controller: Controller | None = None
     explained: Explained | None = None
     loop: LinearLoop | None = None
     loop_beside_wave: LinearLoop | None = None
     gap: float = math.nan
+    curvature: Curvature | None = None
     op_span: float = 0.0
-    op_middle: float = 0.0
     predictable: tuple[float, float] = (math.nan, math.nan)
     setpoint_swings: bool = False
     wave_share: float = 0.0
@@ -131,10 +138,11 @@ class Gathered:
         return self._at_period(self.loop_beside_wave)
 
     def amplification_at_steepest(self) -> float:
-        """The same where the characteristic is steepest within OP's middle nine tenths, or NaN."""
+        """The same where the gain is largest within the middle nine tenths of OP or PV, or NaN."""
         if self.loop is None or self.explained is None or not self.swing.present:
             return math.nan
-        steeper = math.exp(min(5.0, 0.5 * abs(self.explained.bend) * self.op_middle))
+        curvature = self.curvature
+        steeper = 1.0 if curvature is None else min(_STEEPEST, curvature.steepest)
         loop = replace(self.loop, b=self.loop.b * steeper)
         return self._at_period(loop) if loop.margins().stable else math.inf
 

@@ -15,6 +15,7 @@ from estimator.diagnosis.slow_causes import (
     too_long,
 )
 from estimator.diagnosis.swing_causes import is_aperiodic
+from estimator.diagnosis.wording import digits
 
 __all__ = ["tell_no_cause", "tell_unproven"]
 
@@ -62,7 +63,8 @@ def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
         return Cause(CauseName.SLOW_TUNING, too_long(settings), words)
     slow = found.controller.integral_time_s
     if settings.judging.seen * found.duration_s < slow < math.inf:
-        text = f"nothing oscillates; the integral time ({slow:.4g} s) is too long for the record"
+        long = f"{digits(slow, 4)} s"
+        text = f"nothing oscillates; the integral time ({long}) is too long for the record"
         return Cause(
             CauseName.UNDETERMINED, 0.0, (text,),
             "Give a record of ten integral times and more: it shows whether the loop is slow.",
@@ -77,8 +79,8 @@ def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
     if swing.present:
         evidence = [
             f"disturbances without a period make what looks like an oscillation of "
-            f"{swing.period_s:.4g} s (regularity {swing.regularity:.2g}); no cause explains a "
-            f"twentieth of the control error"
+            f"{digits(swing.period_s, 4)} s (regularity {digits(swing.regularity, 2)}); no cause "
+            f"explains a twentieth of the control error"
         ]
     return Cause(CauseName.QUIET, 1.0, tuple(evidence))
 
@@ -89,8 +91,8 @@ def _swinging(found: Gathered, settings: DiagnosisSettings, *, shows: bool) -> C
     if found.explained is not None and found.explained.sticking > settings.judging.unsure:
         return tell_unproven(found, settings)
     evidence = [
-        f"there is an oscillation with a period of {swing.period_s:.4g} s "
-        f"({swing.cycles:.1f} periods, regularity {swing.regularity:.2g})"
+        f"there is an oscillation with a period of {digits(swing.period_s, 4)} s "
+        f"({swing.cycles:.1f} periods, regularity {digits(swing.regularity, 2)})"
     ]
     action = ""
     if not found.has_pv:
@@ -120,7 +122,9 @@ def _tight_or_outside(found: Gathered, *, shows: bool) -> str:
             "not show"
         )
     here, _ = found.amplification()
-    return f"a tight loop (amplification {here:.2g}) and a wave from outside explain it alike"
+    return (
+        f"a tight loop (amplification {digits(here, 2)}) and a wave from outside explain it alike"
+    )
 
 
 def tell_unproven(found: Gathered, settings: DiagnosisSettings) -> Cause:

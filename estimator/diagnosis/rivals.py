@@ -3,7 +3,7 @@
 A wave of a steady period is a sinusoid with harmonics; one whose phase wanders is noise with a
 sharp resonance. The latter is the same fit on rows from which a resonance was whitened. Both
 filters begin with 1, so that likelihoods stay comparable. A curved characteristic is an exponential
-of OP in place of OP: it never turns back.
+of OP in place of OP: it never turns back. A gain that changes with PV is in `pv_curves`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import scipy
 
 from estimator.algebra import filter_rows
 from estimator.arrays import Array
+from estimator.diagnosis.pv_curves import PvCurve, curves_of_pv
 from estimator.diagnosis.settings import Weighing
 from estimator.evidence.steadiness import steady_evidence
 from estimator.hypotheses.hypothesis import Case, Hypothesis
@@ -32,12 +33,21 @@ A steady wave of eight samples and of any shape has three harmonics that are see
 
 @dataclass(frozen=True, slots=True)
 class Rival:
-    """An explanation with the case that it was fitted in."""
+    """An explanation with the case that it was fitted in.
+
+    Attributes:
+        price: what its search costs beyond the fit's own parameters; nats.
+        bend: the gain grows by e for each ``1 / bend`` of scaled OP.
+        over_pv: the curve by which PV was straightened; None where it is as recorded.
+        as_recorded: the fit judged by PV as recorded; None where that is the fit itself.
+    """
 
     case: Case
     fit: Hypothesis
     price: float = 0.0
     bend: float = 0.0
+    over_pv: PvCurve | None = None
+    as_recorded: Hypothesis | None = None
 
     @property
     def likelihood(self) -> float:
@@ -141,7 +151,16 @@ def _resonant_rows(
 
 
 def curved(case: Case, plain: Hypothesis, weighing: Weighing) -> list[Rival]:
-    """The healthy valve with exponential characteristics."""
+    """The healthy valve with a gain that changes with OP or with PV."""
+    of_pv = [
+        Rival(one.case, one.fit, one.price, over_pv=one.curve, as_recorded=one.own)
+        for one in curves_of_pv(case, plain, weighing)
+    ]
+    return [*_curved_over_op(case, plain, weighing), *of_pv]
+
+
+def _curved_over_op(case: Case, plain: Hypothesis, weighing: Weighing) -> list[Rival]:
+    """Exponential characteristics."""
     found = []
     price = 0.5 * math.log(case.rows.count)
     best = -math.inf

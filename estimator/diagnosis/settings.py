@@ -116,8 +116,10 @@ class Weighing:
         harmonics: waves from outside: a sine, and one of any shape.
         resonances: damping ratio of the peak, and its distance to the background, for a wave
             whose phase wanders.
-        bends: curvatures over OP's span in the window: at 1 the gain varies by e, at 4 by 55, the
-            range of an equal-percentage valve.
+        bends: curvatures over OP's span in the window, or over PV's: at 1 the gain varies by e, at
+            4 by 55, the range of an equal-percentage valve.
+        arches: the same of a gain that falls to both sides of PV's middle: at 1.5 to four fifths at
+            the ends of PV's span, at 6 to a tenth.
         in_doubt: nats for a sticky valve between which it is looked for a second time: below, the
             estimator gives it up at once; above, a few strokes are enough for its verdict.
     """
@@ -127,6 +129,7 @@ class Weighing:
     harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3))
     resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2),)
     bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
+    arches: tuple[float, ...] = (1.5, 3.0, 4.5, 6.0)
     in_doubt: tuple[float, float] = (-8.0, 50.0)
 
 

@@ -11,6 +11,7 @@ from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.swing_causes import find_outside, find_tight
 from estimator.diagnosis.tuning import Advice
+from estimator.diagnosis.wording import digits
 
 __all__ = ["find_slow", "headroom_words", "is_read", "is_surely_slow", "slow_or_not", "too_long"]
 
@@ -37,13 +38,13 @@ def find_slow(
         is_long = controller.integral_time_s > judging.seen * found.duration_s
         if not (is_long and removable > judging.lasting):
             return None
-        evidence = [f"the integral time is {controller.integral_time_s:.4g} s"]
+        evidence = [f"the integral time is {digits(controller.integral_time_s, 4)} s"]
         weight = removable
     elif _lingers(found, settings):
         further = "" if math.isnan(two) else f", {two:.0%} two ahead"
         evidence = [
             f"{one:.0%} of the control error can be predicted one integral time "
-            f"({controller.integral_time_s:.3g} s) ahead{further}; a loop that "
+            f"({digits(controller.integral_time_s, 3)} s) ahead{further}; a loop that "
             f"settles within its integral time has no such error",
         ]
         weight = min(1.0, max(one, two))
@@ -57,7 +58,7 @@ def find_slow(
         evidence.append(headroom_words(found, settings))
     if proposal is not None and proposal.integral_ratio > settings.headroom.slower:
         evidence.append(
-            f"as robust settings have {proposal.integral_ratio:.2g} times the integral gain"
+            f"as robust settings have {digits(proposal.integral_ratio, 2)} times the integral gain"
         )
     if removable >= judging.removable:
         evidence.append(f"robust settings would remove {removable:.0%} of the squared error")
@@ -121,8 +122,9 @@ def slow_or_not(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     may_be_slow = found.headroom > judging.unlikely or error_lasts(found.predictable, settings)
     if found.has_gap and may_be_slow:
         evidence = (
-            f"nothing oscillates; OP stands still while the error is within {found.gap:.3g}: a gap "
-            f"of the controller leaves it, and the record does not show how fast the loop is",
+            f"nothing oscillates; OP stands still while the error is within "
+            f"{digits(found.gap, 3)}: "
+            f"a gap of the controller leaves it, and the record does not show how fast the loop is",
         )
         return Cause(
             CauseName.UNDETERMINED, 0.0, evidence,

@@ -24,6 +24,7 @@ from estimator.diagnosis.coherence import LoopSignals, LoopSpectrum, harmonics_o
 from estimator.diagnosis.leading import leads
 from estimator.diagnosis.result import CauseName, Diagnosis
 from estimator.diagnosis.settings import DiagnosisSettings
+from estimator.diagnosis.wording import digits
 
 __all__ = ["Candidate", "GroupMembers", "rank_candidates"]
 
@@ -142,7 +143,8 @@ def _add_shape(
         bent = group.diagnoses[name].indices.get("bicoherence", math.nan)
         if bent > grouping.bicoherent:
             text = (
-                f"its oscillation is not that of a linear loop with noise (bicoherence {bent:.2g})"
+                f"its oscillation is not that of a linear loop with noise (bicoherence "
+                f"{digits(bent, 2)})"
             )
             case.add(grouping.nonlinear, text, True)
         case.add(
@@ -196,8 +198,8 @@ def _own_cause(
         wave = diagnosis.indices.get("wave_beside_valve_period_s", math.nan)
         if _is_of_group(wave, period, settings):
             return -grouping.external, False, (
-                f"beside its valve there is a wave of {wave:.4g} s from outside, as the group has "
-                f"it: that began elsewhere"
+                f"beside its valve there is a wave of {digits(wave, 4)} s from outside, as the "
+                f"group has it: that began elsewhere"
             )  # fmt: skip
         # a victim's steps look like strokes as well, but explain its PV by far less
         nats = diagnosis.indices.get("log_bayes_factor_sticky", math.nan)
@@ -218,7 +220,8 @@ def _own_cause(
             return grouping.tight, True, f"its tuning swings: {tight.evidence[0]}"
         against_wave = -diagnosis.indices.get("log_bayes_factor_outside", math.nan)
         return grouping.maybe, against_wave >= judging.threshold, (
-            f"it amplifies disturbances of this period {amplified:.2g} times: it may swing itself"
+            f"it amplifies disturbances of this period {digits(amplified, 2)} times: it may swing "
+            f"itself"
         )  # fmt: skip
     outside = weights.get(CauseName.EXTERNAL_OSCILLATION)
     if outside is not None and same:

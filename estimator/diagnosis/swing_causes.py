@@ -8,8 +8,19 @@ from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.oscillation import has_steady_period
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
+from estimator.diagnosis.wording import digits
 
 __all__ = ["find_outside", "find_tight", "is_aperiodic", "sticky_weight"]
+
+_LENGTHEN = (
+    "Lengthen the integral time: at the period of the oscillation integral action is the larger "
+    "part of the controller's answer. A lower gain alone may make it worse, as in a level. See the "
+    "proposed settings, if any."
+)
+"""What helps where the period is longer than 2 pi integral times (the slow cycle of a level)."""
+_GIVES_THE_SETPOINT = (
+    "Look at what gives the set-point: the master loop, a ratio or a program; this loop follows it."
+)
 
 
 def sticky_weight(found: Gathered) -> float:
@@ -101,19 +112,21 @@ def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
 def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     """Tight tuning, if the loop swings by itself or nearly does; None if not."""
     one, judging = found.explained, settings.judging
-    if one is None or found.loop is None or found.is_sticky:
+    controller = found.controller
+    if one is None or found.loop is None or controller is None or found.is_sticky:
         return None
     if one.sticking > settings.judging.unsure:
         # the process of a healthy valve says little where a sticky one is likelier
         return None
     here, peak = found.amplification()
+    margins = found.loop.margins()
     period, damping = found.loop.swing()
     if found.swing.present and not is_aperiodic(found, settings):
         if not _rings(found, settings):
             return None
         weight = found.swing.share * max(0.0, 1.0 - (judging.well / here) ** 2)
         evidence = (
-            f"the loop itself amplifies disturbances {here:.3g} times at the period of the "
+            f"the loop itself amplifies disturbances {digits(here, 3)} times at the period of the "
             f"oscillation (well-tuned loops 1.4 to 2), and no wave from outside is needed (log "
             f"Bayes factor {one.outside:.0f})",
         )
@@ -125,14 +138,32 @@ def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     ):
         weight = max(0.0, 1.0 - (judging.well / peak) ** 2) * 0.5
         evidence = (
-            f"the closed loop swings with a period of {period * found.loop.period:.3g} s at a "
-            f"damping ratio of {damping:.2f}; Ms is {peak:.3g} (well-tuned loops 1.4 to 2)",
+            f"the closed loop swings with a period of {digits(period * found.loop.period, 3)} s "
+            f"at a damping ratio of {damping:.2f}; Ms is {digits(peak, 3)} (well-tuned loops 1.4 "
+            f"to 2)",
         )
     else:
         return None
-    margins = found.loop.margins()
-    figures = f"gain margin {margins.gain:.2f}, phase margin {margins.phase_deg:.0f} degrees"
-    return Cause(CauseName.TIGHT_TUNING, min(1.0, weight), (*evidence, figures))
+    known = (
+        (f"gain margin {margins.gain:.2f}", margins.gain),
+        (f"phase margin {margins.phase_deg:.0f} degrees", margins.phase_deg),
+    )
+    figures = ", ".join(text for text, value in known if math.isfinite(value))
+    is_integral = _swing_period_s(found) > 2.0 * math.pi * controller.integral_time_s
+    return Cause(
+        CauseName.TIGHT_TUNING,
+        min(1.0, weight),
+        (*evidence, figures) if figures else evidence,
+        _LENGTHEN if is_integral else "",
+    )
+
+
+def _swing_period_s(found: Gathered) -> float:
+    """Period of the oscillation, or where there is none of the loop's own swing, s."""
+    assert found.loop is not None
+    return (
+        found.swing.period_s if found.swing.present else found.loop.swing()[0] * found.loop.period
+    )
 
 
 def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
@@ -144,7 +175,7 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
             CauseName.EXTERNAL_OSCILLATION,
             min(found.wave_share, 0.99 * sticky_weight(found)),
             (
-                f"beside the sticky valve there is a wave of {one.wave.period_s:.4g} s from "
+                f"beside the sticky valve there is a wave of {digits(one.wave.period_s, 4)} s from "
                 f"outside: log Bayes factor {one.wave.evidence:.0f}",
             ),
         )
@@ -159,8 +190,8 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
             CauseName.EXTERNAL_OSCILLATION,
             share,
             (
-                f"PV oscillates with a period of {open_loop.period_s:.4g} s also while OP "
-                f"stands still: the loop does not make it",
+                f"PV oscillates with a period of {digits(open_loop.period_s, 4)} s also while OP "
+                f"is in manual or at a limit: the loop does not make it",
             ),
         )
     if not swing.present or not found.has_pv or found.is_sticky:
@@ -169,7 +200,8 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         return Cause(
             CauseName.EXTERNAL_OSCILLATION,
             swing.share,
-            (f"the set-point itself oscillates with a period of {swing.period_s:.4g} s",),
+            (f"the set-point itself oscillates with a period of {digits(swing.period_s, 4)} s",),
+            _GIVES_THE_SETPOINT,
         )
     if one is None or one.model is None or is_aperiodic(found, settings):
         return None
@@ -189,22 +221,24 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
             # the loop and smooth noise explain the hump: nothing steady is outside
             return None
     evidence = [
-        f"a wave of {swing.period_s:.4g} s from outside explains PV better than the loop alone: "
-        f"log Bayes factor {one.outside:.0f}"
+        f"a wave of {digits(swing.period_s, 4)} s from outside explains PV better than the loop "
+        f"alone: log Bayes factor {one.outside:.0f}"
         if one.outside > 0.0
         else "neither valve nor tuning makes this oscillation",
     ]
     if found.unlike_noise >= judging.threshold and outside > one.outside:
         evidence = [
-            f"a wave of {swing.period_s:.4g} s comes from outside: its size and its phase change "
-            f"unlike each other, which noise in a tight loop does not do (log Bayes factor "
+            f"a wave of {digits(swing.period_s, 4)} s comes from outside: its size and its phase "
+            f"change unlike each other, which noise in a tight loop does not do (log Bayes factor "
             f"{found.unlike_noise:.0f})",
         ]
     if is_swung:
         evidence.append(
             f"by what the record shows beside the oscillation the loop amplifies disturbances of "
-            f"this period only {beside:.2g} times"
+            f"this period only {digits(beside, 2)} times"
         )
     elif here <= judging.tight:
-        evidence.append(f"the loop amplifies disturbances of this period only {here:.2g} times")
+        evidence.append(
+            f"the loop amplifies disturbances of this period only {digits(here, 2)} times"
+        )
     return Cause(CauseName.EXTERNAL_OSCILLATION, swing.share, tuple(evidence))
