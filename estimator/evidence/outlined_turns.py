@@ -15,11 +15,11 @@ from compiled import kernel
 from estimator.algebra import dot
 from estimator.arrays import Array, Index
 
-__all__ = ["turns_of"]
+__all__ = ["FEWEST_TURNS", "turning_rows", "turns_of"]
 
 _SWINGS = (1.0, 2.0)
 """Standard deviations of the outline that it must swing by to turn: small corners are noise."""
-_FEWEST_TURNS, _MOST_TURNS = 7, 80
+FEWEST_TURNS, _MOST_TURNS = 7, 80
 """Turns of a wave: at least as many as its distributions have numbers (3.5 cycles); the
 price holds what they do not tell. More than these, those beyond what was seen counted, are too
 fast to be told from noise, and a fit's work grows with the square of their number."""
@@ -34,8 +34,8 @@ def turns_of(outline: Array) -> Iterator[tuple[Array, Array]]:
     size = math.sqrt(dot(about, about) / n)
     seen = 0
     for swing in _SWINGS:
-        rows = _turning_rows(outline, swing * size)
-        if rows.size < _FEWEST_TURNS or rows.size == seen:
+        rows = turning_rows(outline, swing * size)
+        if rows.size < FEWEST_TURNS or rows.size == seen:
             continue
         seen = rows.size
         times, heights = rows.astype(np.float64), outline[rows]
@@ -63,7 +63,7 @@ def turns_of(outline: Array) -> Iterator[tuple[Array, Array]]:
 
 
 @kernel
-def _turning_rows(load: Array, swing: float) -> Index:
+def turning_rows(load: Array, swing: float) -> Index:
     """Rows at which a load turns and goes back by a ``swing`` at least."""
     rows = np.empty(load.size, np.int64)
     count = way = high = low = 0

@@ -6,6 +6,7 @@ and the dead time are held.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import left_of_pv
 from estimator.hypotheses.piecewise_load import NO_PROCESS
 from estimator.hypotheses.uneven_wave import UnevenWave, course_of, slopes_of, through_process
-from estimator.processes.poles import Poles
+from estimator.processes.poles import Poles, Shape
 
 __all__ = ["Wave", "fit_wave"]
 
@@ -55,6 +56,8 @@ class Wave:
         poles: the process that OP goes through, and the wave where it enters at the valve.
         squares: sum of squares of what it leaves, whitened.
         price: what turns and bends cost, in nats.
+        lag: time constant in samples of a lag of its own that it goes through; None where it has
+            none, and goes through the process or enters at PV.
     """
 
     times: Array
@@ -63,6 +66,13 @@ class Wave:
     poles: Poles
     squares: float
     price: float
+    lag: float | None = None
+
+    def through(self, at_valve: bool) -> Poles | None:
+        """The process that it goes through; None where it enters at PV."""
+        if self.lag is not None:
+            return Poles(Shape.LAGS, self.lag)
+        return self.poles if at_valve else None
 
     def nuisance(self, at_valve: bool) -> UnevenWave:
         """The load alone, which enters at the valve or at PV."""
@@ -71,7 +81,7 @@ class Wave:
             tuple(float(x) for x in self.times),
             tuple(float(x) for x in self.heights),
             (rises, falls),
-            self.poles if at_valve else None,
+            self.through(at_valve),
             self.price,
         )
 
@@ -84,38 +94,47 @@ class _Way:
         self.taps = np.ascontiguousarray(taps)
         self.others = without_load(of)
 
-    def left(self, poles: Poles, course: Array) -> tuple[Array, Array]:
+    def left(self, wave: Wave) -> tuple[Array, Array]:
         """What is left ``(n,)``, whitened, and the basis ``(k, n)`` of process and columns."""
         rows, of = self.case.rows, self.of
-        columns = self.case.columns(self.others, of.stem, poles, of.dead_time)
-        response = poles.response(of.stem)
+        columns = self.case.columns(self.others, of.stem, wave.poles, of.dead_time)
+        response = wave.poles.response(of.stem)
         basis, left = left_of_pv(rows, response, of.dead_time, columns, self.taps)
-        process = poles.coefficients if self.at_valve else NO_PROCESS
-        made = through_process(course[None], process)
+        made = through_process(self.course(wave)[None], self._process(wave))
         return left - project_out(filter_rows(made, self.taps, rows.weight)[0], basis), basis
 
     def turned(self, wave: Wave, basis: Array) -> Array:
         """Change of the wave's part with each number of it, ``(p, n)``."""
         slopes = slopes_of(wave.times, wave.heights, wave.bends, self.case.rows.size)
-        process = wave.poles.coefficients if self.at_valve else NO_PROCESS
-        whitened = filter_rows(through_process(slopes, process), self.taps, self.case.rows.weight)
-        return _beside(whitened, basis)
+        made = through_process(slopes, self._process(wave))
+        return _beside(filter_rows(made, self.taps, self.case.rows.weight), basis)
 
     def swayed(self, wave: Wave, left: Array, free: list[int]) -> Array:
         """Change of the model with the log of each free time constant, ``(k, n)``."""
-        course = self.course(wave)
-        found = np.empty((len(free), left.size))
-        for row, i in enumerate(free):
-            steps = np.zeros((1, 3))
-            steps[0, i] = _NUDGE
-            nudged = wave.poles.of_row(wave.poles.moved(steps)[0])
-            found[row] = (left - self.left(nudged, course)[0]) / _NUDGE
+        steps = _NUDGE * np.eye(len(free) + int(wave.lag is not None))
+        found = np.empty((steps.shape[0], left.size))
+        for row, step in enumerate(steps):
+            found[row] = (left - self.left(_swayed(wave, step, free))[0]) / _NUDGE
         return found
+
+    def _process(self, wave: Wave) -> tuple[float, float, float, float]:
+        """Coefficients of what the wave goes through."""
+        through = wave.through(self.at_valve)
+        return NO_PROCESS if through is None else through.coefficients
 
     def course(self, wave: Wave) -> Array:
         """The load ``(n,)``."""
         found: Array = course_of(self.case.rows.size, wave.times, wave.heights, wave.bends)
         return found
+
+
+def _swayed(wave: Wave, step: Array, free: list[int]) -> Wave:
+    """The wave with the logs of its free time constants moved, that of its own lag the last."""
+    steps = np.zeros((1, 3))
+    steps[0, free] = step[: len(free)]
+    poles = wave.poles.of_row(wave.poles.moved(steps)[0])
+    lag = None if wave.lag is None else wave.lag * float(np.exp(step[-1]))
+    return replace(wave, poles=poles, lag=lag)
 
 
 def _free(poles: Poles) -> list[int]:
@@ -147,17 +166,20 @@ def fit_wave(
     way = _Way(case, of, taps, at_valve)
     m, count = wave.times.size, case.rows.count
     free = _free(wave.poles)
+    swaying = len(free) + int(wave.lag is not None)
     open_ = np.zeros((2 * m, 2 * m))
-    left, basis = way.left(wave.poles, way.course(wave))
+    left, basis = way.left(wave)
     squares = dot(left, left)
     damping = _DAMPED[0]
     for _ in range(spreads):
         spread = spread_of(wave.times, wave.heights, open_)
-        precision, mean = _with_poles(precision_of(spread, wave.times[0], m, wave.bends.size), free)
+        precision, mean = _with_poles(
+            precision_of(spread, wave.times[0], m, wave.bends.size), swaying
+        )
         for _ in range(rounds):
             variance = squares / count + case.rows.floor
             slopes = np.vstack([way.turned(wave, basis), way.swayed(wave, left, free)])
-            at = _numbers(wave, free)
+            at = _numbers(wave, swaying)
             told, pull = _products(slopes, left)
             told, pull = told / variance + precision, pull / variance - precision @ at + mean
             cost = 0.5 * squares / variance + _kept_by(precision, mean, at)
@@ -167,7 +189,7 @@ def fit_wave(
                 step = solve_spd(damped, pull)
                 moved = _moved(wave, step, free)
                 if moved is not None:
-                    new_left, new_basis = way.left(moved.poles, way.course(moved))
+                    new_left, new_basis = way.left(moved)
                     new_squares = dot(new_left, new_left)
                     new = 0.5 * new_squares / variance + _kept_by(precision, mean, at + step)
                     gained = cost - new
@@ -186,13 +208,15 @@ def fit_wave(
         open_ = inverse_of(told + precision[:p, :p])[: 2 * m, : 2 * m]
     spread = spread_of(wave.times, wave.heights, open_)
     precision, mean = precision_of(spread, wave.times[0], m, wave.bends.size)
-    price = price_of_turns(_numbers(wave, []), told, precision, mean, count)
+    price = price_of_turns(_numbers(wave, 0), told, precision, mean, count)
+    if wave.lag is not None:
+        price += 0.5 * math.log(count)
     return replace(wave, squares=squares, price=price)
 
 
-def _numbers(wave: Wave, free: list[int]) -> Array:
-    """Times, heights, bends and steps of the poles, ``(p,)``."""
-    return np.concatenate([wave.times, wave.heights, wave.bends.T.ravel(), np.zeros(len(free))])
+def _numbers(wave: Wave, swaying: int) -> Array:
+    """Times, heights, bends and steps of so many time constants, ``(p,)``."""
+    return np.concatenate([wave.times, wave.heights, wave.bends.T.ravel(), np.zeros(swaying)])
 
 
 def _moved(wave: Wave, step: Array, free: list[int]) -> Wave | None:
@@ -201,22 +225,18 @@ def _moved(wave: Wave, step: Array, free: list[int]) -> Wave | None:
     times = wave.times + step[:m]
     if not (np.diff(times) > _APART).all():
         return None
-    steps = np.zeros((1, 3))
     step[p:] = np.clip(step[p:], -_FARTHEST, _FARTHEST)
-    steps[0, free] = step[p:]
-    poles = wave.poles.of_row(wave.poles.moved(steps)[0])
-    if _free(poles) != free:
+    swayed = _swayed(wave, step[p:], free)
+    if _free(swayed.poles) != free:
         return None
     bends = wave.bends + step[2 * m : p].reshape(-1, 2).T
-    return replace(
-        wave, times=times, heights=wave.heights + step[m : 2 * m], bends=bends, poles=poles
-    )
+    return replace(swayed, times=times, heights=wave.heights + step[m : 2 * m], bends=bends)
 
 
-def _with_poles(prior: tuple[Array, Array], free: list[int]) -> tuple[Array, Array]:
-    """Precision and mean of a wave with those of the steps of its poles."""
+def _with_poles(prior: tuple[Array, Array], k: int) -> tuple[Array, Array]:
+    """Precision and mean of a wave with those of the steps of ``k`` time constants."""
     precision, mean = prior
-    p, k = mean.size, len(free)
+    p = mean.size
     whole = np.zeros((p + k, p + k))
     whole[:p, :p] = precision
     whole[range(p, p + k), range(p, p + k)] = _POLE

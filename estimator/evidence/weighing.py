@@ -14,18 +14,19 @@ from estimator.evidence.effect import loop_gain_of
 from estimator.evidence.growing import add_best, fit_repeating, fit_waves
 from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
 from estimator.evidence.piecewise_loads import fit_piecewise_loads
-from estimator.evidence.uneven_waves import find_uneven_wave, refit_uneven_wave
+from estimator.evidence.rival_waves import find_rival_wave
+from estimator.evidence.uneven_waves import refit_uneven_wave
 from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.noise import DRIFT, WHITE
 from estimator.hypotheses.periodic_load import PeriodicLoad
 from estimator.processes.poles import COARSE
+from estimator.search.all_laws import refine_all_laws
 from estimator.search.descent import refine_valve
 from estimator.search.effort import wider
 from estimator.search.processes import polish, settle
 from estimator.search.sweep import sweep_valves
 from estimator.search.valves import find_valves
-from estimator.valves.laws import LAWS, NEEDS
 
 __all__ = ["Weighing", "fit_healthy", "weigh"]
 
@@ -94,7 +95,7 @@ def weigh(case: Case) -> Weighing:
     judging = case.settings.judging
     laws: tuple[Hypothesis, ...] = (sticky,)
     if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
-        laws = (*_all_laws(case, sticky), *_others(sticky, valves))
+        laws = (*refine_all_laws(case, sticky), *_others(sticky, valves))
     return Weighing(healthy, sticky, laws)
 
 
@@ -124,7 +125,7 @@ def _weighed(
                 healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
         healthy, sticky = _beside_lines(case, healthy, sticky)
-    if waves and 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_DOUBT:
+    if waves and sticky.likelihood > healthy.likelihood:
         healthy, sticky = _beside_wave(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
@@ -176,19 +177,9 @@ def _with_own_lines(case: Case, sticky: Hypothesis) -> Hypothesis:
 def _beside_wave(
     case: Case, healthy: Hypothesis, sticky: Hypothesis
 ) -> tuple[Hypothesis, Hypothesis]:
-    """Both hypotheses with a load that swings unevenly, where one pays.
-
-    A sticky valve moves its stem like one. It counts only where it is likelier by as much as a
-    sticky valve is asked for before it is believed in, and where that PV follows OP beside it is
-    as sure.
-    """
-    enough = sticky.likelihood + case.settings.judging.threshold
-    loaded = find_uneven_wave(case, sticky, enough)
-    if loaded is None or loaded.likelihood < enough:
-        return healthy, sticky
-    if 0.5 * gain_deviations(case, loaded) ** 2 < case.settings.judging.threshold:
-        return healthy, sticky
-    if not _is_answered(case, loaded):
+    """Both hypotheses with a load that swings unevenly, where one pays."""
+    loaded = find_rival_wave(case, healthy, sticky)
+    if loaded is None:
         return healthy, sticky
     healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     own = _with_own_wave(case, sticky, healthy)
@@ -357,16 +348,3 @@ def _others(sticky: Hypothesis, valves: tuple[Hypothesis, ...]) -> tuple[Hypothe
         if one.valve is not None
         and abs(one.valve.band - band) > _ANOTHER * max(one.valve.band, band)
     )
-
-
-def _all_laws(case: Case, sticky: Hypothesis) -> tuple[Hypothesis, ...]:
-    """The likeliest valve of every law, the likeliest of all first: for the estimate."""
-    assert sticky.valve is not None
-    found = {sticky.valve.law: sticky}
-    for law in LAWS:
-        start = found[NEEDS[law]] if law in NEEDS else sticky
-        best = max(one.likelihood for one in found.values())
-        near = start.likelihood > best - case.settings.spreading.law_nats
-        if law not in found and (near or law not in NEEDS):
-            found[law] = refine_valve(case, start, 0.06, law=law)
-    return tuple(sorted(found.values(), key=lambda one: -round(one.likelihood, 6)))

@@ -1,0 +1,75 @@
+"""An uneven wave beside a healthy valve that is likelier than a sticky one, however that slips.
+
+A sticky valve moves its stem like a wave, and a wave whose turns are free explains much. So it
+counts only where it is likelier by as much as a sticky valve is asked for before it is believed in;
+where PV follows OP beside it as surely; and where the valve explains less even if its slips are of
+chance as the turns of the wave are.
+"""
+
+from __future__ import annotations
+
+from estimator.evidence.effect import loop_gain_of
+from estimator.evidence.uneven_waves import find_uneven_wave, find_wave_in_cycles
+from estimator.evidence.varying_slips import likelihood_of_varying_slips
+from estimator.hypotheses.gain import gain_deviations
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.search.all_laws import refine_all_laws
+
+__all__ = ["find_rival_wave"]
+
+_BEYOND_OUTLINED = 150.0
+"""Evidence (nats) from which no wave is looked for that a load of steps and lines tells: it saves
+time."""
+_BEYOND_CYCLES = 600.0
+"""The same of a wave that the cycles of OP and PV tell: of 34 simulated healthy valves under a
+triangular load whose period wanders, or that enters at PV, the evidence reaches 573."""
+_ANSWERED, _MOVED = 0.15, 0.27
+"""Gain around the loop, at the periods of the swing, below which a wave of either kind is no rival:
+its controller would leave PV where the load put it. Beside a healthy valve of those 34 it is 0.30
+and more; beside sticky ones 0.02 to 0.25 but for one in forty."""
+_WHOLE = 0.95
+"""Share of good, measured samples of a record whose cycles tell: the tuning family's others have
+0.9 at most."""
+
+
+def find_rival_wave(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesis | None:
+    """The healthy valve with the likeliest uneven wave that is a rival; None where there is none.
+
+    Args:
+        case: the window.
+        healthy: the likeliest healthy valve so far.
+        sticky: the likeliest sticky one.
+    """
+    evidence = sticky.likelihood - healthy.likelihood
+    enough = sticky.likelihood + case.settings.judging.threshold
+    if evidence < _BEYOND_CYCLES and _is_whole(case):
+        loaded = find_wave_in_cycles(case, sticky, enough)
+        if loaded is not None and _is_rival(case, loaded, sticky, _MOVED):
+            return loaded
+    if evidence < _BEYOND_OUTLINED:
+        loaded = find_uneven_wave(case, sticky, enough)
+        if loaded is not None and _is_rival(case, loaded, sticky, _ANSWERED):
+            return loaded
+    return None
+
+
+def _is_whole(case: Case) -> bool:
+    """Whether nearly all samples were measured and are good.
+
+    Where OP is a guess between them so is the stem, and a free wave is always likelier.
+    """
+    rows = case.rows
+    return min(rows.informed, rows.count / (rows.size - rows.first)) >= _WHOLE
+
+
+def _is_rival(case: Case, loaded: Hypothesis, sticky: Hypothesis, answered: float) -> bool:
+    """Whether a wave beside a healthy valve is likely enough, and OP moves PV beside it."""
+    threshold = case.settings.judging.threshold
+    if loaded.likelihood < sticky.likelihood + threshold:
+        return False
+    if 0.5 * gain_deviations(case, loaded) ** 2 < threshold:
+        return False
+    if loop_gain_of(case, loaded) < answered:
+        return False
+    varied = likelihood_of_varying_slips(case, refine_all_laws(case, sticky))
+    return loaded.likelihood >= varied + threshold
