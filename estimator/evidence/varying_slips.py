@@ -25,7 +25,6 @@ from estimator.algebra import (
     filter_rows,
     normal_equations,
     project_out,
-    solve_spd,
 )
 from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
@@ -54,14 +53,14 @@ _RATE_OVER = 5
 """Samples over which OP's rate before a stroke is read."""
 _LEAST_RATE = 1e-4
 """Least rate of OP, as a share of its span in a sample: where it stands still nothing is late."""
-_NEAR = 2
-"""How far from the deviations of one round those of the next are looked for, of many strokes."""
-_ROUNDS, _VARIANCES, _RANKED, _HALVINGS = 6, 8, 4, 5
+_FEW, _NEAR = 60, 2
+"""Strokes up to which all deviations are tried every time, and how far from the last ones else: it
+saves time."""
+_ROUNDS, _VARIANCES, _RANKED, _HALVINGS = 6, 8, 2, 5
 """Strokes and process fitted in turn; variances in turn with one deviation, and with one that is
 only ranked; lengths of a step."""
-_REACHES, _STEPS, _PAYS, _FEW = (0.08, 0.03), 4, 0.1, 60
-"""How far S and J are moved, as shares of S, how often each, nats that a move must gain, and the
-most strokes that are fitted so often: more take long, and tell S and J by themselves."""
+_REACHES, _STEPS, _PAYS = (0.08, 0.03), 4, 0.1
+"""How far S and J are moved, as shares of S, how often each, and nats that a move must gain."""
 _BOUND = 8.0
 """Samples by which a stroke is late at most."""
 _SAME, _TIE = 1e-4, 1e-9
@@ -126,22 +125,31 @@ class _Way:
         return basis, left, response, columns
 
 
+@dataclass(frozen=True, slots=True)
+class _Varied:
+    """A valve, how likely it is with strokes that vary, and which deviations they have."""
+
+    sticky: Hypothesis
+    likelihood: float
+    deviations: tuple[int, int]
+
+
 def likelihood_of_varying_slips(case: Case, laws: Sequence[Hypothesis]) -> float:
     """Log-likelihood in nats, prices included, of a sticky valve whose strokes vary.
 
     The law is the likeliest of those given; S and J are fitted anew with strokes that vary. At
     least as likely as without: a deviation of zero is among those that are tried.
     """
-    best, valve = max(((_likelihood(case, one), one) for one in laws), key=lambda one: one[0])
-    few = strokes_of(valve.stem)[0].size <= _FEW
-    for reach in _REACHES if few else ():
+    best = max((_varied(case, one) for one in laws), key=lambda one: one.likelihood)
+    for reach in _REACHES:
         for _ in range(_STEPS):
-            tried = ((_likelihood(case, one), one) for one in _beside(case, valve, reach))
-            found, other = max(tried, key=lambda one: one[0], default=(best, valve))
-            if found < best + _PAYS:
+            others = _beside(case, best.sticky, reach)
+            tried = (_varied(case, one, best.deviations) for one in others)
+            found = max(tried, key=lambda one: one.likelihood, default=best)
+            if found.likelihood < best.likelihood + _PAYS:
                 break
-            best, valve = found, other
-    return best
+            best = found
+    return best.likelihood
 
 
 def _beside(case: Case, sticky: Hypothesis, reach: float) -> Iterator[Hypothesis]:
@@ -166,31 +174,34 @@ def _beside(case: Case, sticky: Hypothesis, reach: float) -> Iterator[Hypothesis
                 )
 
 
-def _likelihood(case: Case, sticky: Hypothesis) -> float:
-    """Log-likelihood in nats, prices included, of one valve whose strokes vary."""
+def _varied(case: Case, sticky: Hypothesis, near: tuple[int, int] | None = None) -> _Varied:
+    """One valve whose strokes vary; their deviations are ``near`` those of another, if given."""
     begins, ends = strokes_of(sticky.stem)
-    best = sticky.likelihood
+    best = _Varied(sticky, sticky.likelihood, (0, _OFF_AT_FIRST))
     if sticky.valve is None or not _FEWEST <= begins.size <= _MOST:
         return best
     rows = float(case.rows.count), case.rows.floor
     late, off = _lateness(case, sticky.valve, begins), sticky.valve.band * np.array(_OFF)
     way = _Way(case, sticky, begins, ends, sticky.poles, sticky.dead_time, sticky.taps)
-    strokes, at = np.zeros(2 * begins.size), (0, _OFF_AT_FIRST)
+    strokes, at = np.zeros(2 * begins.size), near or best.deviations
+    few = begins.size <= _FEW
     for turn in range(_ROUNDS):
         left, slopes = way.linearised(strokes)
         gram, pull = normal_equations(slopes, left)
-        reach = _NEAR if turn and begins.size > _FEW else len(late)
+        reach = len(late) if few or (turn == 0 and near is None) else _NEAR
         at = _likeliest(gram, pull, dot(left, left), late, off, at, reach, rows)
         variances = _variances(late[at[0]], off[at[1]])
         aim, variance, _ = _shrunk(gram, pull, dot(left, left), variances, rows, _VARIANCES)
         strokes = _stepped(way, np.where(variances > 0.0, strokes, 0.0), aim, variances, variance)
         whole = way.squares(strokes) + variance * _away(strokes, variances)
         variance = whole / rows[0] + rows[1]
-        found = _worth(_scaled(gram, np.sqrt(variances)), variances, variance, rows[0])
+        root = cholesky(_told(_scaled(gram, np.sqrt(variances)), variance))
+        found = _worth(root, variances, variance, rows[0])
         found -= case.price(way.poles, sticky.nuisances, way.taps, valve=True)
-        if turn > 1 and found < best + _DONE:
+        if turn > 1 and found < best.likelihood + _DONE:
             break
-        best = max(best, found)
+        if found > best.likelihood:
+            best = _Varied(sticky, found, at)
         way = way.refitted(strokes)
     return best
 
@@ -286,14 +297,32 @@ def _shrunk(
     count, floor = rows
     roots = np.sqrt(variances)
     scaled, small = _scaled(gram, roots), roots * pull
-    found, variance = np.zeros(small.size), whole / count + floor
+    found, variance, worth = np.zeros(small.size), whole / count + floor, 0.0
     for _ in range(turns):
-        found = solve_spd(_told(scaled, variance), small) / variance
-        before = variance
-        variance = max(whole - dot(small, found), 0.0) / count + floor
+        root = cholesky(_told(scaled, variance))
+        found = _solved(root, small) / variance
+        rest, before = max(whole - dot(small, found), 0.0), variance
+        worth = _worth(root, variances, variance, count) + 0.5 * (count - rest / variance)
+        variance = rest / count + floor
         if abs(variance - before) < _SAME * before:
             break
-    return roots * found, variance, _worth(scaled, variances, variance, count)
+    return roots * found, variance, worth
+
+
+@kernel
+def _solved(root: Array, right: Array) -> Array:
+    """Solution of a positive definite system, its lower factor known."""
+    n = right.size
+    x = right.copy()
+    for i in range(n):
+        for k in range(i):
+            x[i] -= root[i, k] * x[k]
+        x[i] /= root[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= root[k, i] * x[k]
+        x[i] /= root[i, i]
+    return x
 
 
 @kernel
@@ -316,9 +345,11 @@ def _told(scaled: Array, variance: float) -> Array:
 
 
 @kernel
-def _worth(scaled: Array, variances: Array, variance: float, count: float) -> float:
-    """Log-likelihood integrated over the strokes, less what their deviations cost."""
-    root = cholesky(_told(scaled, variance))
+def _worth(root: Array, variances: Array, variance: float, count: float) -> float:
+    """Log-likelihood integrated over the strokes, less what their deviations cost.
+
+    ``root`` is the factor of the strokes' precision.
+    """
     found = -0.5 * count * math.log(variance)
     for i in range(root.shape[0]):
         found -= math.log(root[i, i])
