@@ -212,5 +212,6 @@ def _evidence(case: Case, weighing: Weighing, request: Request) -> tuple[Evidenc
         gain_sign=int(case.rows.sign),
         law=best.valve.law,
         left_out=request.left_out,
+        over_waves=weighing.over_waves,
     )
     return evidence, Fit(simulate(case, best)[1], simulate(case, healthy)[1])

@@ -122,6 +122,9 @@ class Evidence:
             sample was measured.
         gain_sign: sign of the process gain that the controller's action tells, 0 where unclear.
         law: the valve law that explains the window best.
+        over_waves: by how many nats a sticky valve whose slips vary by chance is likelier than a
+            load that swings unevenly; infinite where no such load is likelier than the sticky valve
+            whose slips do not vary.
     """
 
     log_bayes_factor: float
@@ -138,6 +141,7 @@ class Evidence:
     gain_sign: int
     law: str
     left_out: float = 0.0
+    over_waves: float = math.inf
 
     def to_dict(self) -> dict[str, float | int | str | None]:
         """Plain types, null for no number."""
@@ -156,6 +160,7 @@ class Evidence:
             "left_out": _number(self.left_out),
             "gain_sign": self.gain_sign,
             "law": self.law,
+            "over_waves": _number(self.over_waves),
         }
 
 

@@ -1,12 +1,15 @@
 """An uneven wave beside a healthy valve that is likelier than a sticky one, however that slips.
 
 A sticky valve moves its stem like a wave, and a wave whose turns are free explains much. So it
-counts only where it is likelier by as much as a sticky valve is asked for before it is believed in;
-where PV follows OP beside it as surely; and where the valve explains less even if its slips are of
-chance as the turns of the wave are.
+counts only where PV follows OP beside it as surely as a sticky valve is asked for before it is
+believed in, and where the valve explains less even if its slips are of chance as the turns of the
+wave are. Where it is likelier than the valve, but not than the valve whose slips vary, either is
+possible.
 """
 
 from __future__ import annotations
+
+import math
 
 from estimator.evidence.effect import loop_gain_of
 from estimator.evidence.uneven_waves import find_uneven_wave, find_wave_in_cycles
@@ -37,25 +40,40 @@ _WHOLE = 0.95
 0.9 at most."""
 
 
-def find_rival_wave(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesis | None:
+def find_rival_wave(
+    case: Case, healthy: Hypothesis, sticky: Hypothesis
+) -> tuple[Hypothesis | None, float]:
     """The healthy valve with the likeliest uneven wave that is a rival; None where there is none.
+
+    And, where none is, by how many nats a valve whose slips vary is likelier than the likeliest
+    wave that might be one; infinite where none might.
 
     Args:
         case: the window.
         healthy: the likeliest healthy valve so far.
         sticky: the likeliest sticky one.
     """
+    ahead = math.inf
     evidence = sticky.likelihood - healthy.likelihood
     enough = sticky.likelihood + case.settings.judging.threshold
     if evidence < _BEYOND_CYCLES and _is_whole(case):
         loaded = find_wave_in_cycles(case, sticky, enough)
-        if loaded is not None and _is_rival(case, loaded, sticky, _MOVED):
-            return loaded
+        if loaded is not None and _may_rival(case, loaded, sticky, _MOVED):
+            ahead = _varied(case, sticky) - loaded.likelihood
+            if ahead <= -_NEITHER_EXACT * case.settings.judging.threshold:
+                return loaded, math.inf
     if evidence < _BEYOND_OUTLINED:
         loaded = find_uneven_wave(case, sticky, enough)
-        if loaded is not None and _is_rival(case, loaded, sticky, _ANSWERED):
-            return loaded
-    return None
+        if loaded is not None and _may_rival(case, loaded, sticky, _ANSWERED):
+            ahead = min(ahead, _varied(case, sticky) - loaded.likelihood)
+            if ahead <= -_NEITHER_EXACT * case.settings.judging.threshold:
+                return loaded, math.inf
+    return None, ahead
+
+
+def _varied(case: Case, sticky: Hypothesis) -> float:
+    """Log-likelihood of the sticky valve, of any law, whose slips vary."""
+    return likelihood_of_varying_slips(case, refine_all_laws(case, sticky))
 
 
 def _is_whole(case: Case) -> bool:
@@ -67,14 +85,10 @@ def _is_whole(case: Case) -> bool:
     return min(rows.informed, rows.count / (rows.size - rows.first)) >= _WHOLE
 
 
-def _is_rival(case: Case, loaded: Hypothesis, sticky: Hypothesis, answered: float) -> bool:
-    """Whether a wave beside a healthy valve is likely enough, and OP moves PV beside it."""
-    threshold = case.settings.judging.threshold
-    if loaded.likelihood < sticky.likelihood + threshold:
+def _may_rival(case: Case, loaded: Hypothesis, sticky: Hypothesis, answered: float) -> bool:
+    """Whether a wave beside a healthy valve is likelier, and OP moves PV beside it."""
+    if loaded.likelihood <= sticky.likelihood:
         return False
-    if 0.5 * gain_deviations(case, loaded) ** 2 < threshold:
+    if 0.5 * gain_deviations(case, loaded) ** 2 < case.settings.judging.threshold:
         return False
-    if loop_gain_of(case, loaded) < answered:
-        return False
-    varied = likelihood_of_varying_slips(case, refine_all_laws(case, sticky))
-    return loaded.likelihood >= varied + _NEITHER_EXACT * threshold
+    return loop_gain_of(case, loaded) >= answered

@@ -84,6 +84,11 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
             f"sticking makes {evidence.effect:.2%} of PV's variance, and what no model knows of a "
             f"loop may make as much"
         )
+    if sticks and evidence.over_waves < judging.threshold:
+        doubts.append(
+            "a load that swings unevenly explains PV about as well as a sticky valve whose slips "
+            "vary"
+        )
     if evidence.process < judging.process and not sticks:
         return answer(
             Verdict.NOT_ASSESSABLE,

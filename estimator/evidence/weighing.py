@@ -70,6 +70,9 @@ class Weighing:
     laws: tuple[Hypothesis, ...] = ()
     """The sticky valve under every law that was tried, the likeliest first, then other valves of
     the search: for the estimate and its intervals."""
+    over_waves: float = np.inf
+    """By how many nats a valve whose slips vary is likelier than an uneven wave from outside;
+    infinite where none is a rival of the valve, or where one is taken up."""
 
     @property
     def evidence(self) -> float:
@@ -89,23 +92,24 @@ def weigh(case: Case) -> Weighing:
     hopeless = sticky.likelihood - plain.likelihood < _CLEAR
     if hopeless and _grown(case, plain, sticky, most=1) is plain:
         return Weighing(plain, sticky, (sticky,))
-    healthy, sticky = _weighed(case, plain, valves[0])
+    healthy, sticky, over_waves = _weighed(case, plain, valves[0])
     if _is_doubtful(case, healthy, sticky):
         healthy, sticky = _looked_again(case, plain, valves[0], healthy, sticky)
     judging = case.settings.judging
     laws: tuple[Hypothesis, ...] = (sticky,)
     if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
         laws = (*refine_all_laws(case, sticky), *_others(sticky, valves))
-    return Weighing(healthy, sticky, laws)
+    return Weighing(healthy, sticky, laws, over_waves)
 
 
 def _weighed(
     case: Case, healthy: Hypothesis, sticky: Hypothesis, *, waves: bool = True
-) -> tuple[Hypothesis, Hypothesis]:
+) -> tuple[Hypothesis, Hypothesis, float]:
     """Both hypotheses with what pays of disturbances, exchanged until neither becomes likelier.
 
-    Uneven waves are among them if asked for.
+    Uneven waves are among them if asked for; the last is `Weighing.over_waves`.
     """
+    over_waves = np.inf
     healthy, sticky = _settled(case, healthy, sticky)
     grown_healthy = _grown(case, healthy, sticky)
     if sticky.likelihood - grown_healthy.likelihood > _CLEAR:
@@ -126,10 +130,10 @@ def _weighed(
     if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
         healthy, sticky = _beside_lines(case, healthy, sticky)
     if waves and sticky.likelihood > healthy.likelihood:
-        healthy, sticky = _beside_wave(case, healthy, sticky)
+        healthy, sticky, over_waves = _beside_wave(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
-    return healthy, sticky
+    return healthy, sticky, over_waves
 
 
 def _rectangular(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesis | None:
@@ -176,18 +180,18 @@ def _with_own_lines(case: Case, sticky: Hypothesis) -> Hypothesis:
 
 def _beside_wave(
     case: Case, healthy: Hypothesis, sticky: Hypothesis
-) -> tuple[Hypothesis, Hypothesis]:
-    """Both hypotheses with a load that swings unevenly, where one pays."""
-    loaded = find_rival_wave(case, healthy, sticky)
+) -> tuple[Hypothesis, Hypothesis, float]:
+    """Both hypotheses with a load that swings unevenly, where one pays; `Weighing.over_waves`."""
+    loaded, over_waves = find_rival_wave(case, healthy, sticky)
     if loaded is None:
-        return healthy, sticky
+        return healthy, sticky, over_waves
     healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     own = _with_own_wave(case, sticky, healthy)
     if own is sticky:
-        return healthy, sticky
+        return healthy, sticky, over_waves
     exchanged = polish(case, None, own, own.nuisances, own.taps, wide=False)
     again = refit_uneven_wave(case, exchanged, own, healthy.likelihood)
-    return healthy if again is None else likelier(healthy, again), own
+    return healthy if again is None else likelier(healthy, again), own, over_waves
 
 
 def _with_own_wave(case: Case, sticky: Hypothesis, loaded: Hypothesis) -> Hypothesis:
@@ -291,7 +295,7 @@ def _looked_again(
     for valve in (valves[0], *_others(valves[0], valves))[:_TRIED]:
         if not _others(known, (valve,)) and valve.likelihood < known.likelihood + _PAYS:
             continue
-        other, better = _weighed(again, plain, valve, waves=False)
+        other, better, _ = _weighed(again, plain, valve, waves=False)
         healthy, sticky = likelier(healthy, other), likelier(sticky, better)
         if not _is_doubtful(case, healthy, sticky):
             break
