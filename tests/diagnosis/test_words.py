@@ -1,4 +1,4 @@
-"""Sentences and advice that follow from what was found, whoever reads them."""
+"""Sentences and advice follow from what was found; each is true for any reader."""
 
 from __future__ import annotations
 
