@@ -4,7 +4,8 @@ A sticky valve moves its stem like a wave, and a wave whose turns are free expla
 counts only where PV follows OP beside it as surely as a sticky valve is asked for before it is
 believed in, and where the valve explains less even if its slips are of chance as the turns of the
 wave are. Where it is likelier than the valve, but not than the valve whose slips vary, either is
-possible.
+possible. A wave along the cycles of OP never does more than that: it also fits sticky valves whose
+friction is another one at every slip, and no law's slips, however late, lie near enough to those.
 """
 
 from __future__ import annotations
@@ -60,8 +61,6 @@ def find_rival_wave(
         loaded = find_wave_in_cycles(case, sticky, enough)
         if loaded is not None and _may_rival(case, loaded, sticky, _MOVED):
             ahead = _varied(case, sticky) - loaded.likelihood
-            if ahead <= -_NEITHER_EXACT * case.settings.judging.threshold:
-                return loaded, math.inf
     if evidence < _BEYOND_OUTLINED:
         loaded = find_uneven_wave(case, sticky, enough)
         if loaded is not None and _may_rival(case, loaded, sticky, _ANSWERED):
