@@ -196,6 +196,15 @@ def project_out(signal: Array, basis: Array) -> Array:
 
 
 @kernel
+def project_out_each(rows: Array, basis: Array) -> Array:
+    """What orthonormal rows ``(k, n)`` leave of each of the rows ``(m, n)``."""
+    out = np.empty(rows.shape)
+    for r in range(rows.shape[0]):
+        out[r] = project_out(rows[r], basis)
+    return out
+
+
+@kernel
 def cholesky(matrix: Array) -> Array:
     """Lower factor of a symmetric positive (semi-)definite matrix; zero where it has no extent."""
     n = matrix.shape[0]

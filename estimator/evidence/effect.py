@@ -10,7 +10,13 @@ from estimator.algebra import dot
 from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 
-__all__ = ["effect_of", "loop_gain_of"]
+__all__ = ["ANSWERED", "effect_of", "loop_gain_of"]
+
+ANSWERED = 0.15
+"""Gain around the loop, at the periods of the swing, below which a load of steps and lines beside a
+healthy valve is no rival: its controller would leave PV where the load put it. Of 90 simulated
+healthy valves under such loads two have less than 0.38, 0.18 and 0.19; sticky ones whose slips were
+taken for steps have 0.01 to 0.135."""
 
 
 def effect_of(case: Case, sticky: Hypothesis) -> float:

@@ -11,8 +11,9 @@ friction is another one at every slip, and no law's slips, however late, lie nea
 from __future__ import annotations
 
 import math
+from functools import cache
 
-from estimator.evidence.effect import loop_gain_of
+from estimator.evidence.effect import ANSWERED, loop_gain_of
 from estimator.evidence.uneven_waves import find_uneven_wave, find_wave_in_cycles
 from estimator.evidence.varying_slips import likelihood_of_varying_slips
 from estimator.hypotheses.gain import gain_deviations
@@ -27,10 +28,9 @@ time."""
 _BEYOND_CYCLES = 600.0
 """The same of a wave that the cycles of OP and PV tell: of 34 simulated healthy valves under a
 triangular load whose period wanders, or that enters at PV, the evidence reaches 573."""
-_ANSWERED, _MOVED = 0.15, 0.27
-"""Gain around the loop, at the periods of the swing, below which a wave of either kind is no rival:
-its controller would leave PV where the load put it. Beside a healthy valve of those 34 it is 0.30
-and more; beside sticky ones 0.02 to 0.25 but for one in forty."""
+_MOVED = 0.27
+"""What `ANSWERED` is for a load of steps and lines, for a wave along cycles: beside a healthy valve
+of those 34 the gain is 0.30 and more; beside sticky ones 0.02 to 0.25 but for one in forty."""
 _NEITHER_EXACT = 2.0
 """Times what a sticky valve is asked for, by which a wave must be likelier than a valve whose slips
 vary: turns and slips of chance make both explain what they do not model. The tuning family's sticky
@@ -55,24 +55,21 @@ def find_rival_wave(
         sticky: the likeliest sticky one.
     """
     ahead = math.inf
+    # both kinds of waves ask for it, and it takes long
+    varied = cache(lambda: likelihood_of_varying_slips(case, refine_all_laws(case, sticky)))
     evidence = sticky.likelihood - healthy.likelihood
     enough = sticky.likelihood + case.settings.judging.threshold
     if evidence < _BEYOND_CYCLES and _is_whole(case):
         loaded = find_wave_in_cycles(case, sticky, enough)
         if loaded is not None and _may_rival(case, loaded, sticky, _MOVED):
-            ahead = _varied(case, sticky) - loaded.likelihood
+            ahead = varied() - loaded.likelihood
     if evidence < _BEYOND_OUTLINED:
         loaded = find_uneven_wave(case, sticky, enough)
-        if loaded is not None and _may_rival(case, loaded, sticky, _ANSWERED):
-            ahead = min(ahead, _varied(case, sticky) - loaded.likelihood)
+        if loaded is not None and _may_rival(case, loaded, sticky, ANSWERED):
+            ahead = min(ahead, varied() - loaded.likelihood)
             if ahead <= -_NEITHER_EXACT * case.settings.judging.threshold:
                 return loaded, math.inf
     return None, ahead
-
-
-def _varied(case: Case, sticky: Hypothesis) -> float:
-    """Log-likelihood of the sticky valve, of any law, whose slips vary."""
-    return likelihood_of_varying_slips(case, refine_all_laws(case, sticky))
 
 
 def _is_whole(case: Case) -> bool:

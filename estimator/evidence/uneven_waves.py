@@ -9,7 +9,7 @@ wave.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -74,7 +74,7 @@ def find_uneven_wave(case: Case, sticky: Hypothesis, least: float) -> Hypothesis
     the sticky valve explains the wave, and leaves about the noise. None where none is found, or has
     no hope to become as likely as ``least``.
     """
-    return _likeliest(case, list(_starts(case, sticky)), least)
+    return _likeliest(case, _starts(case, sticky), least)
 
 
 def find_wave_in_cycles(case: Case, sticky: Hypothesis, least: float) -> Hypothesis | None:
@@ -123,7 +123,7 @@ def refit_uneven_wave(
 
 def _likeliest(
     case: Case,
-    starts: list[tuple[Hypothesis, bool]],
+    starts: Iterable[tuple[Hypothesis, bool]],
     least: float,
     known: tuple[tuple[Array, Array], ...] = (),
 ) -> Hypothesis | None:

@@ -24,7 +24,7 @@ from estimator.algebra import (
     dot,
     filter_rows,
     normal_equations,
-    project_out,
+    project_out_each,
 )
 from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
@@ -104,9 +104,7 @@ class _Way:
         for row in slopes:
             moved = self.poles.response(row)
             row[:] = gains[0] * delay(moved, late) + gains[1] * delay(moved, late + 1)
-        slopes = filter_rows(slopes, taps, rows.weight)
-        for row in slopes:
-            row[:] = project_out(row, basis)
+        slopes = project_out_each(filter_rows(slopes, taps, rows.weight), basis)
         return left + combine(strokes, slopes), slopes
 
     def refitted(self, strokes: Array) -> _Way:

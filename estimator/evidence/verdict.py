@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.arrays import Array, Index
+from estimator.hypotheses.strokes import MOVES
 from estimator.outcomes import Reason, ReasonCode, Verdict
 from estimator.result import Evidence, Fit
 from estimator.settings import Settings
 
 __all__ = ["Judgement", "count_strokes", "describe_stem", "judge", "slips_of"]
 
-_STILL = 1e-9
-"""Moves of a stem (shares of OP's span) that are rounding."""
 _LEAST_EFFECT = 0.01
 """Share of PV's variance that sticking makes, below which it is not called with certainty (tuning
 family: one sticky valve of 400 makes less)."""
@@ -36,7 +35,7 @@ class Judgement:
 
 def slips_of(stem: Array) -> Index:
     """Samples after which a stem ``(n,)`` moves, by more than rounding."""
-    return np.flatnonzero(np.abs(np.diff(stem)) > _STILL)
+    return np.flatnonzero(np.abs(np.diff(stem)) > MOVES)
 
 
 def count_strokes(stem: Array) -> int:

@@ -12,7 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compiled import kernel
-from estimator.algebra import dot, filter_rows, project_out, solve_spd
+from estimator.algebra import (
+    dot,
+    filter_rows,
+    normal_equations,
+    project_out,
+    project_out_each,
+    solve_spd,
+)
 from estimator.arrays import Array
 from estimator.evidence.piecewise_loads import without_load
 from estimator.evidence.turns_by_chance import (
@@ -107,7 +114,7 @@ class _Way:
         """Change of the wave's part with each number of it, ``(p, n)``."""
         slopes = slopes_of(wave.times, wave.heights, wave.bends, self.case.rows.size)
         made = through_process(slopes, self._process(wave))
-        return _beside(filter_rows(made, self.taps, self.case.rows.weight), basis)
+        return project_out_each(filter_rows(made, self.taps, self.case.rows.weight), basis)
 
     def swayed(self, wave: Wave, left: Array, free: list[int]) -> Array:
         """Change of the model with the log of each free time constant, ``(k, n)``."""
@@ -180,7 +187,7 @@ def fit_wave(
             variance = squares / count + case.rows.floor
             slopes = np.vstack([way.turned(wave, basis), way.swayed(wave, left, free)])
             at = _numbers(wave, swaying)
-            told, pull = _products(slopes, left)
+            told, pull = normal_equations(slopes, left)
             told, pull = told / variance + precision, pull / variance - precision @ at + mean
             cost = 0.5 * squares / variance + _kept_by(precision, mean, at)
             gained = 0.0
@@ -202,7 +209,7 @@ def fit_wave(
             damping *= _DAMPED[3]
             if gained < _DONE:
                 break
-        told, _ = _products(way.turned(wave, basis), left)
+        told, _ = normal_equations(way.turned(wave, basis), left)
         told /= squares / count + case.rows.floor
         p = told.shape[0]
         open_ = inverse_of(told + precision[:p, :p])[: 2 * m, : 2 * m]
@@ -252,25 +259,3 @@ def _kept_by(precision: Array, mean: Array, at: Array) -> float:
         for j in range(at.size):
             total += 0.5 * at[i] * precision[i, j] * at[j]
     return total
-
-
-@kernel
-def _products(slopes: Array, left: Array) -> tuple[Array, Array]:
-    """Products ``(p, p)`` of rows with each other, and with a signal, ``(p,)``."""
-    p = slopes.shape[0]
-    gram, right = np.empty((p, p)), np.empty(p)
-    for i in range(p):
-        right[i] = dot(slopes[i], left)
-        for j in range(i + 1):
-            gram[i, j] = dot(slopes[i], slopes[j])
-            gram[j, i] = gram[i, j]
-    return gram, right
-
-
-@kernel
-def _beside(rows: Array, basis: Array) -> Array:
-    """What orthonormal rows ``(k, n)`` leave of each of the rows ``(m, n)``."""
-    out = np.empty(rows.shape)
-    for r in range(rows.shape[0]):
-        out[r] = project_out(rows[r], basis)
-    return out

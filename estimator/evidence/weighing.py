@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.evidence.effect import loop_gain_of
+from estimator.evidence.effect import ANSWERED, loop_gain_of
 from estimator.evidence.growing import add_best, fit_repeating, fit_waves
 from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
 from estimator.evidence.piecewise_loads import fit_piecewise_loads
@@ -35,9 +35,9 @@ _PAYS = 0.5
 _CLEAR = -8.0
 """Evidence (nats) below which a sticky valve is given up at once if nothing from outside pays."""
 _BEYOND_DOUBT = 150.0
-"""Evidence (nats) from which no rectangular load is looked for, nor one that enters elsewhere, nor
-an uneven wave: it saves their time. Simulated healthy valves under a rectangular one reach 63; of
-410, most under an uneven wave, four lie beyond, as 108 of 250 sticky ones of the tuning family."""
+"""Evidence (nats) from which no rectangular load is looked for, nor one that enters elsewhere: it
+saves their time. Simulated healthy valves under a rectangular one reach 63; of 410, most under an
+uneven wave, four lie beyond, as 108 of 250 sticky ones of the tuning family."""
 _BEYOND_ANY_LOAD = 250.0
 """The same for a load of steps and straight lines."""
 _HOPE = 150.0
@@ -46,11 +46,6 @@ one gain up to 100."""
 _NEAR = 50.0
 """Nats that process and corners may still gain, fitted in turn with a load of steps and lines:
 simulated healthy valves under one gain up to 60, and the load is then far likelier anyway."""
-_ANSWERED = 0.15
-"""Gain around the loop, at the periods of the swing, below which a load of steps and lines beside a
-healthy valve is no rival: its controller would leave PV where the load put it. Of 90 simulated
-healthy valves under such loads two have less than 0.38, 0.18 and 0.19; sticky ones whose slips were
-taken for steps have 0.01 to 0.135."""
 _CLOSE = -2.0
 """Evidence (nats) from which a valve is swept for once more (tuning family: of 59 windows between
 this and `_CLEAR` that were swept, none became a sticky valve)."""
@@ -230,7 +225,7 @@ def _is_answered(case: Case, loaded: Hypothesis) -> bool:
 
     Slips of a stem are steps too, and OP moves PV by nothing until the next one.
     """
-    return loop_gain_of(case, loaded) >= _ANSWERED
+    return loop_gain_of(case, loaded) >= ANSWERED
 
 
 def _grown_anew(case: Case, sticky: Hypothesis, healthy: Hypothesis) -> Hypothesis:

@@ -1,4 +1,7 @@
-"""Strokes of a stem: when each begins and ends, and the stem whose strokes are late and end off."""
+"""Strokes of a stem: when each begins and ends, and the stem whose strokes are late and end off.
+
+A rest ends a stroke here; `estimator.evidence.verdict.count_strokes` counts over rests.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,9 @@ import numpy as np
 from compiled import kernel
 from estimator.arrays import Array, Index
 
-__all__ = ["changes_of", "strokes_of", "varied_stem"]
+__all__ = ["MOVES", "changes_of", "strokes_of", "varied_stem"]
 
-_MOVES = 1e-9
+MOVES = 1e-9
 """Change of a stem, as a share of OP's span, below which it rests: rounding."""
 
 
@@ -22,7 +25,7 @@ def strokes_of(stem: Array) -> tuple[Index, Index]:
     count = way = 0
     for k in range(1, stem.size):
         step = stem[k] - stem[k - 1]
-        now = 0 if abs(step) <= _MOVES else (1 if step > 0.0 else -1)
+        now = 0 if abs(step) <= MOVES else (1 if step > 0.0 else -1)
         if way != 0 and now != way:
             ends[count - 1] = k
         if now not in (0, way):

@@ -2,7 +2,7 @@
 
 A file on this machine answers or fails. A server can also be out of reach without a word: the
 network is cut, its machine is switched off, or a table is locked. Without the bounds below the
-operating system tries for a quarter of an hour, and nobody is told meanwhile.
+operating system tries for a quarter of an hour, and no message comes meanwhile.
 """
 
 from __future__ import annotations

@@ -162,18 +162,23 @@ class LateUdp(asyncio.DatagramProtocol):
         asyncio.get_running_loop().call_later(delay, self._transport.sendto, head + words, addr)
 
 
-async def test_a_late_datagram_is_passed_over() -> None:
-    loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(
-        lambda: LateUdp([3.0 * SHORT]), local_addr=("127.0.0.1", 0)
+async def listening(answers: LateUdp, patience: float) -> tuple[asyncio.BaseTransport, Device]:
+    """Bind a device that answers so; return its socket and what the site file says of it."""
+    transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+        lambda: answers, local_addr=("127.0.0.1", 0)
     )
     device = Device(
         link="modbus-udp",
         host="127.0.0.1",
         port=transport.get_extra_info("sockname")[1],
-        timeout=SHORT,
+        timeout=patience,
         register_map=Path("map.csv"),
     )
+    return transport, device
+
+
+async def test_a_late_datagram_is_passed_over() -> None:
+    transport, device = await listening(LateUdp([3.0 * SHORT]), SHORT)
     link = ModbusLink(
         ModbusSettings("plc", device, backoff=SOON),
         plan_reads([word(10), word(200)]),
@@ -204,17 +209,7 @@ class NoisyUdp(LateUdp):
 
 
 async def test_a_datagram_that_is_no_frame_is_passed_over() -> None:
-    loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(
-        lambda: NoisyUdp([]), local_addr=("127.0.0.1", 0)
-    )
-    device = Device(
-        link="modbus-udp",
-        host="127.0.0.1",
-        port=transport.get_extra_info("sockname")[1],
-        timeout=PATIENCE,
-        register_map=Path("map.csv"),
-    )
+    transport, device = await listening(NoisyUdp([]), PATIENCE)
     link = ModbusLink(ModbusSettings("plc", device), plan_reads([word(10)]), SystemClock())
     scan = await link.scan()
     assert not scan.failures
