@@ -16,3 +16,20 @@ class FieldlinkError(Exception):
     """
 
     may_pass: ClassVar[bool] = True
+
+
+class MissingExtraError(FieldlinkError):
+    """What the site file asks for needs a package that is not installed.
+
+    Args:
+        place: what needs it: the file and its table.
+        packages: that are missing.
+        extra: of Fieldlink, that brings them.
+    """
+
+    may_pass = False
+
+    def __init__(self, place: str, packages: str, extra: str) -> None:
+        super().__init__(
+            f"{place} needs {packages}; pip install 'fieldlink[{extra}]', or remove the table"
+        )

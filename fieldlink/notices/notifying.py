@@ -56,7 +56,8 @@ class Notifying:
         look_every: seconds between two looks at devices and outbox.
 
     Raises:
-        NoticeError: a package is missing, or a file of the table cannot be read.
+        MissingExtraError: a package is not installed.
+        NoticeError: a file of the table cannot be read.
     """
 
     def __init__(

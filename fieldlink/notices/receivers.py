@@ -42,7 +42,8 @@ def receivers_of(site: Site) -> Mapping[str, Receiver]:
     """Return the receivers of a site by name, their files read.
 
     Raises:
-        NoticeError: a package is missing, or a secret or certificate cannot be read or used.
+        MissingExtraError: a package is not installed.
+        NoticeError: a secret or certificate cannot be read or used.
     """
     notify = site.file.notify
     assert notify is not None

@@ -10,6 +10,7 @@ import ssl
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from fieldlink.errors import MissingExtraError
 from fieldlink.notices.errors import NoticeError
 from fieldlink.notices.notice import Notice
 from fieldlink.secret import Secret
@@ -31,8 +32,9 @@ class WebHookReceiver:
         tls: certificates for an https address.
 
     Raises:
-        NoticeError: httpx is missing, the address is not for the web, or the token would go
-            unencrypted or cannot be sent.
+        MissingExtraError: httpx is not installed.
+        NoticeError: the address is not for the web, or the token would go unencrypted or cannot be
+            sent.
     """
 
     def __init__(
@@ -41,10 +43,8 @@ class WebHookReceiver:
         try:
             import httpx
         except ImportError as error:
-            raise NoticeError(
-                f"{site_file}: the table [notify.web_hook] needs httpx; "
-                "pip install 'fieldlink[notify]', or remove the table"
-            ) from error
+            place = f"{site_file}: the table [notify.web_hook]"
+            raise MissingExtraError(place, "httpx", "notify") from error
         # its log lines would tell the whole address
         for name in ("httpx", "httpcore"):
             logging.getLogger(name).setLevel(logging.WARNING)

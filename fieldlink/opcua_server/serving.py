@@ -24,7 +24,7 @@ import structlog
 
 from fieldlink.daemon import Daemon
 from fieldlink.daemon.reporting.defects import describe_defect
-from fieldlink.errors import FieldlinkError
+from fieldlink.errors import FieldlinkError, MissingExtraError
 from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.opcua_server.document import device_values, loop_values
 from fieldlink.site import Site
@@ -180,17 +180,15 @@ async def opcua_server(
     """Serve OPC UA clients while the block runs; gives None where the site asks for no server.
 
     Raises:
-        FieldlinkError: asyncua is not installed, or the password cannot be used.
+        MissingExtraError: asyncua is not installed.
+        FieldlinkError: the password cannot be used.
     """
     settings = site.file.opcua_server
     if settings is None:
         yield None
         return
     if find_spec("asyncua") is None:
-        raise FieldlinkError(
-            f"{site.path}: the table [opcua_server] needs asyncua; pip install 'fieldlink[opcua]', "
-            "or remove the table"
-        )
+        raise MissingExtraError(f"{site.path}: the table [opcua_server]", "asyncua", "opcua")
     password = None
     if settings.password_file is not None:
         password = read_password(site.resolve(settings.password_file))

@@ -18,7 +18,7 @@ from functools import partial
 from importlib import metadata
 from importlib.util import find_spec
 
-from fieldlink.errors import FieldlinkError
+from fieldlink.errors import FieldlinkError, MissingExtraError
 from fieldlink.once_a_minute import OnceAMinute
 from fieldlink.site import Site
 from fieldlink.store import Record
@@ -66,7 +66,8 @@ class Publishing:
         defect: records an unforeseen error: source, error, consequence.
 
     Raises:
-        UpwardError: a package is missing, or a file of the table cannot be read.
+        MissingExtraError: a package is not installed.
+        UpwardError: a file of the table cannot be read.
     """
 
     def __init__(
@@ -301,10 +302,7 @@ def _demand_packages(site: Site, formats: tuple[str, ...]) -> None:
     wanted = {name for form in formats for name in _NEEDS[form]}
     missing = sorted(name for name in wanted if not _is_installed(name))
     if missing:
-        raise UpwardError(
-            f"{site.path}: the table [mqtt] needs {' and '.join(missing)}; "
-            "pip install 'fieldlink[mqtt]', or remove the table"
-        )
+        raise MissingExtraError(f"{site.path}: the table [mqtt]", " and ".join(missing), "mqtt")
 
 
 def _is_installed(name: str) -> bool:

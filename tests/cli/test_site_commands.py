@@ -8,6 +8,7 @@ import signal
 import socket
 import sqlite3
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,33 @@ def test_run_refuses_a_data_directory_that_is_a_file(fieldlink: Run, demo_site: 
     assert result.returncode == TRY_AGAIN
     assert "data" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("table", "package", "extra"),
+    [
+        ('[mqtt]\nhost = "127.0.0.1"\n', "paho", "mqtt"),
+        (
+            '[notify]\npage = "http://127.0.0.1/"\nweb_hook = { url = "http://127.0.0.1/" }\n',
+            "httpx",
+            "notify",
+        ),
+        ('[opcua_server]\nport = 4855\n', "asyncua", "opcua"),
+    ],
+)
+def test_a_package_that_is_missing_ends_the_service_for_good(
+    fieldlink: Run,
+    demo_site: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    table: str,
+    package: str,
+    extra: str,
+) -> None:
+    demo_site.write_text(f"{demo_site.read_text()}\n{table}")
+    monkeypatch.setitem(sys.modules, package, None)
+    result = fieldlink("run", demo_site, "--duration", "5")
+    assert f"needs {package}; pip install 'fieldlink[{extra}]'" in result.stderr
+    assert result.returncode == 2
 
 
 @pytest.mark.parametrize("data_dir", ["/proc/nowhere/data", "a-file"])

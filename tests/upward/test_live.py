@@ -11,11 +11,12 @@ from typing import Any
 import pytest
 from asyncua import Client as OpcuaClient
 
+from fieldlink.errors import MissingExtraError
 from fieldlink.opcua_server import serving
 from fieldlink.opcua_server.serving import opcua_server
 from fieldlink.site import SiteError, check, load_site
 from fieldlink.store import read_estimates
-from fieldlink.upward import Publishing, UpwardError
+from fieldlink.upward import Publishing
 from fieldlink.web import live_source
 from tests.daemon import live
 from tests.links.fake_device import FakeDevice
@@ -106,7 +107,7 @@ def test_without_the_package_the_daemon_says_what_to_install(
     make_site: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fieldlink.upward.publishing.find_spec", lambda _: None)
-    with pytest.raises(UpwardError) as caught:
+    with pytest.raises(MissingExtraError) as caught:
         Publishing(make_site(1), health=dict, actions={}, tell=_ignore, defect=_ignore)
     assert str(caught.value).endswith(
         "the table [mqtt] needs google.protobuf and paho; "
