@@ -16,7 +16,6 @@ of other devices on the same line go on meanwhile.
 from __future__ import annotations
 
 import asyncio
-import ssl
 from collections.abc import Sequence
 
 from fieldlink.links.backoff import Backoff, describe_next
@@ -48,6 +47,7 @@ from fieldlink.links.wire import (
     WrongReplyError,
 )
 from fieldlink.registers import Table
+from fieldlink.tls_words import distrust_remedy, tls_remedy
 
 __all__ = ["ModbusConnection"]
 
@@ -181,6 +181,8 @@ class ModbusConnection:
     async def _open(self, line: Line) -> Wire:
         try:
             return await line.wire()
+        except LinkError as error:
+            raise self._failed(error) from error.__cause__
         except WireLostError as error:
             remedy = "check that the device is on, its address, and the cable or network between"
             if isinstance(error, WireSettingError):
@@ -191,11 +193,10 @@ class ModbusConnection:
                     "end it; programs that run beside each other need a gateway that speaks Modbus "
                     "TCP, or the device's network port"
                 )
-            elif isinstance(error.__cause__, ssl.SSLCertVerificationError):
-                remedy = (
-                    "give the authority that signed it as tls.ca, and the name in it as "
-                    "tls.server_name; or have it renewed"
-                )
+            elif of_tls := tls_remedy(
+                error.__cause__, "tls.ca", "tls.cert", "host or tls.server_name"
+            ):
+                remedy = of_tls
             raise self._failed(
                 LinkUnreachableError(
                     self._device,
@@ -230,6 +231,7 @@ class ModbusConnection:
                     self._device,
                     f"{self._where}: {error} while {request.text}",
                     ("" if wire.answers else _too_few(line))
+                    or (distrust_remedy("tls.cert") if wire.may_distrust_us else "")
                     or "it is tried again by itself; look at the device if it persists",
                 )
             ) from error

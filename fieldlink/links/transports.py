@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ssl
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from pymodbus.transport import CommParams, CommType
@@ -51,8 +52,10 @@ def line_settings(
         resolve: turns a path of the site file into one that can be opened.
         timeout: seconds for opening, instead of the device's.
 
+    Certificates are read now, and again for every connection: they are renewed at run time.
+
     Raises:
-        TlsFilesError: a certificate cannot be read.
+        TlsFilesError: a certificate cannot be read; making a wire raises it too.
     """
     seconds = device.timeout if timeout is None else timeout
     quirks = device.quirks
@@ -78,11 +81,18 @@ def line_settings(
             host=device.host or "",
             port=device.port,
             timeout_connect=seconds,
-            sslctx=None if device.tls is None else client_tls(device.tls, name, resolve),
         )
-    server_name = None if device.tls is None else device.tls.server_name
+
+    def make_wire() -> Wire:
+        if device.tls is None:
+            return Wire(params, framing)
+        secured = replace(params, sslctx=client_tls(device.tls, name, resolve))
+        return Wire(secured, framing, device.tls.server_name)
+
+    if device.tls is not None:
+        client_tls(device.tls, name, resolve)
     return LineSettings(
-        make_wire=lambda: Wire(params, framing, server_name),
+        make_wire=make_wire,
         numbered=framing.numbered,
         keeps_open=device.is_rtu or device.link == "modbus-udp" or _medium(device) is not None,
         key=_medium(device),
@@ -126,8 +136,8 @@ def _medium(device: Device) -> tuple[object, ...] | None:
         return ("serial", device.serial_port)
     if device.link == "modbus-rtu-tcp":
         return ("gateway", *_place(device))
-    if device.link == "modbus-tcp" and device.quirks.close_after_scan:
-        return ("connection", *_place(device))
+    if device.link in ("modbus-tcp", "modbus-tls") and device.quirks.close_after_scan:
+        return ("connection", *_place(device), device.tls)
     return None
 
 

@@ -110,6 +110,8 @@ class Wire(ModbusProtocol):
         self._buffer = b""
         self._waiting: _Waiting | None = None
         self._unanswered: set[int] = set()
+        self._gone = asyncio.Event()
+        self._lost: Exception | None = None
         self.answers = 0
         self.heard_noise = False
 
@@ -117,6 +119,11 @@ class Wire(ModbusProtocol):
     def is_open(self) -> bool:
         """Whether requests can be sent."""
         return self.transport is not None and not self.is_closing
+
+    @property
+    def may_distrust_us(self) -> bool:
+        """Whether the other side may refuse our certificate: TLS 1.3 tells after the handshake."""
+        return self.comm_params.sslctx is not None and not self.answers
 
     async def open(self, within: float) -> None:
         """Open the transport ``within`` seconds.
@@ -142,8 +149,13 @@ class Wire(ModbusProtocol):
             # A terminal error: a setting that the serial port itself refuses, such as a parity.
             raise WireSettingError(_reason(error)) from error
         if self.transport.is_closing():
-            # Lost before it was ours: nobody would wake a request on it.
-            raise WireLostError("the other side closed the connection at once")
+            # Lost before it was ours: nobody would wake a request on it. The reason comes later.
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._gone.wait(), within)
+            reason = f" ({_reason(self._lost)})" if self._lost is not None else ""
+            raise WireLostError(
+                f"the other side closed the connection at once{reason}"
+            ) from self._lost
 
     async def _connect(self, within: float) -> None:
         """Connect to the first address that takes it; each has its share of the time left."""
@@ -226,6 +238,8 @@ class Wire(ModbusProtocol):
         if self.answers and (exc is None or isinstance(exc, BrokenPipeError)):
             self._fail(WireClosedError("the connection was closed after the last answer"))
             return
+        self._lost = exc
+        self._gone.set()
         reason = f" ({_reason(exc)})" if exc is not None else ""
         self._fail(WireLostError(f"the connection was dropped{reason}"))
 
@@ -311,7 +325,7 @@ _ERRNO = re.compile(r"\[Errno (\d+)\]|\((\d+), '")
 def _reason(error: Exception) -> str:
     if isinstance(error, ssl.SSLError):
         return tls_words(error)
-    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    text = getattr(error, "strerror", None) or str(error) or "the other side ended the connection"
     if "exclusively lock" in text:
         text = "another program uses the port"
     elif numbers := ["".join(found) for found in _ERRNO.findall(str(error))]:

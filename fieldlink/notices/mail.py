@@ -24,7 +24,7 @@ from fieldlink.notices.notice import Notice
 from fieldlink.printable import as_printable
 from fieldlink.secret import Secret
 from fieldlink.site.notify import MailSettings
-from fieldlink.tls_words import certificate_remedy, tls_words
+from fieldlink.tls_words import tls_remedy, tls_words
 
 __all__ = ["MailReceiver"]
 
@@ -134,7 +134,7 @@ class MailReceiver:
                     return late
                 return f"{self.where} ended the connection before it took the mail"
             case ssl.SSLCertVerificationError():
-                return f"{self.where}: {tls_words(error)}; {certificate_remedy(error, 'ca')}"
+                return f"{self.where}: {tls_words(error)}; {tls_remedy(error, 'ca')}"
             case TimeoutError():
                 return late
             case UnicodeError():

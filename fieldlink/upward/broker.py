@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
-from fieldlink.tls_words import certificate_remedy, tls_words
+from fieldlink.tls_words import distrust_remedy, tls_remedy, tls_words
 from fieldlink.upward.broker_settings import BrokerSettings
 from fieldlink.upward.errors import BrokerError, BrokerRefusalError, BrokerVersionError
 from fieldlink.upward.packets import Incoming, MqttVersion, Outgoing, TooLarge
@@ -122,7 +122,7 @@ class BrokerSession:
                 self._client.connect, settings.host, settings.port, settings.keepalive
             )
         except (OSError, ValueError) as error:
-            remedy = certificate_remedy(error, "mqtt.tls.ca")
+            remedy = tls_remedy(error, "mqtt.tls.ca", "mqtt.tls.cert")
             raise BrokerError(
                 f"no connection to the broker {settings.where}: {tls_words(error)}; "
                 f"{remedy or 'check that it runs, its address, and whether its port is for TLS'}"
@@ -266,10 +266,14 @@ class BrokerSession:
     def _on_lost(self, reason: str) -> None:
         self._lost = self._lost or reason
         if not self._connected.done():
+            remedy = "check whether it takes more clients, and the broker's log"
+            if self._settings.tls is not None:
+                # TLS 1.3: a certificate is refused after the handshake.
+                remedy = f"{distrust_remedy('mqtt.tls.cert')}, or {remedy}"
             self._connected.set_exception(
                 BrokerVersionError(
                     f"the broker {self._settings.where} closed the connection at CONNECT: "
-                    f"{reason}; check whether it takes more clients, and the broker's log"
+                    f"{_WORDS.get(reason, reason)}; {remedy}"
                 )
             )
         self._closed.set()

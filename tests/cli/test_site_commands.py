@@ -99,7 +99,7 @@ def test_run_refuses_a_data_directory_that_is_a_file(fieldlink: Run, demo_site: 
             "httpx",
             "notify",
         ),
-        ('[opcua_server]\nport = 4855\n', "asyncua", "opcua"),
+        ("[opcua_server]\nport = 4855\n", "asyncua", "opcua"),
     ],
 )
 def test_a_package_that_is_missing_ends_the_service_for_good(

@@ -173,7 +173,7 @@ async def test_a_plc_of_another_authority_is_refused(certificates: Callable[[str
         link = link_to(tls_device(port, tls))
         failure = (await link.scan()).failures[0]
         await link.close()
-    assert "its certificate is refused: self-signed certificate in certificate chain; give" in str(
+    assert "its certificate is refused: self-signed certificate in certificate chain; name" in str(
         failure
     )
     assert "cable" not in str(failure)

@@ -194,3 +194,31 @@ async def test_a_broker_with_a_wrong_certificate_gets_nothing(
     await broker.kill()
     # paho does not close the socket of a handshake that failed.
     gc.collect()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+async def test_a_broker_that_does_not_trust_us_is_told_with_the_remedy(
+    bench: Callable[..., Any], tmp_path: Path
+) -> None:
+    import trustme
+
+    authority, other = trustme.CA(), trustme.CA()
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    for name, of in {"server": authority, "our": other}.items():
+        certificate = of.issue_cert("127.0.0.1")
+        certificate.cert_chain_pems[0].write_to_path(tmp_path / f"{name}.pem")
+        certificate.private_key_pem.write_to_path(tmp_path / f"{name}.key")
+    broker = Mosquitto(
+        tmp_path,
+        listener=f"cafile {tmp_path}/ca.pem\ncertfile {tmp_path}/server.pem\n"
+        f"keyfile {tmp_path}/server.key\nrequire_certificate true\n",
+    )
+    await broker.start()
+    tls = '[mqtt.tls]\nca = "ca.pem"\ncert = "our.pem"\nkey = "our.key"\n'
+    async with bench(broker.port, f"{JSON_ONLY}\n{tls}") as running:
+        running.put(sample("FC101", 1))
+        await until(lambda: "mqtt.lost" in running.kinds(), "the event")
+        assert "a mqtt.tls.cert that is still valid" in running.events[0][2]
+        assert running.waiting == 1
+    await broker.kill()
+    gc.collect()
