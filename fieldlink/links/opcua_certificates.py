@@ -14,6 +14,8 @@ from asyncua.ua.uaerrors import UaError
 from cryptography import x509
 from cryptography.hazmat.primitives.hashes import SHA1
 
+from fieldlink.opcua_keys import KeyFileError, read_certificate
+
 __all__ = ["find_stranger"]
 
 
@@ -35,21 +37,14 @@ async def find_stranger(where: str, known: Path, within: float) -> str:
         shown = {bytes(one.ServerCertificate) for one in endpoints if one.ServerCertificate}
         # A server may send those who signed it behind its own.
         own = [x509.load_der_x509_certificate(_first_of(chain)) for chain in shown]
-        mine = _read(known)
-    except (TimeoutError, OSError, UaError, ValueError):
+        mine = read_certificate(known)
+    except (TimeoutError, OSError, UaError, ValueError, KeyFileError):
         return ""
     finally:
         client.disconnect_socket()
     if not own or mine in own:
         return ""
     return own[0].fingerprint(SHA1()).hex()
-
-
-def _read(file: Path) -> x509.Certificate:
-    data = file.read_bytes()
-    if data.lstrip().startswith(b"-----"):
-        return x509.load_pem_x509_certificate(data)
-    return x509.load_der_x509_certificate(data)
 
 
 def _first_of(chain: bytes) -> bytes:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from asyncua import Client, ua
 from asyncua.crypto import security_policies
+from asyncua.crypto.uacrypto import CertProperties, der_from_x509, pem_from_key
 from asyncua.ua.uaerrors import UaError
 
 from fieldlink.links.errors import LinkError, LinkTimeoutError, LinkUnreachableError
@@ -33,6 +34,8 @@ from fieldlink.links.opcua_values import (
     status_of_words,
     uri_of,
 )
+from fieldlink.links.reasons import reason_of
+from fieldlink.opcua_keys import KeyFileError, read_certificate, read_key
 
 if TYPE_CHECKING:
     from fieldlink.links.clock import Clock
@@ -133,6 +136,8 @@ class OpcuaSession:
             raise self._unreachable(f"no answer within {limit:g} s") from error
         except UaError as error:
             raise self._unreachable(status_of(error)) from error
+        except KeyFileError as error:
+            raise LinkUnreachableError(self._name, error.what, error.remedy) from error
         except OSError as error:
             if error.filename is not None:
                 raise LinkUnreachableError(
@@ -140,7 +145,7 @@ class OpcuaSession:
                     f"the file {error.filename} cannot be read: {error.strerror}",
                     "check its path and its permissions",
                 ) from error
-            raise self._unreachable(error.strerror or str(error)) from error
+            raise self._unreachable(reason_of(error)) from error
         except UNREADABLE as error:
             said = str(error) or "it makes no sense"
             raise self._unreachable(f"its answer cannot be read ({said})") from error
@@ -330,7 +335,7 @@ class OpcuaSession:
             status = status_of(error)
             raise self._unreachable(f"{what}: {status}", status) from error
         except OSError as error:
-            raise self._unreachable(f"{what}: {error.strerror or error}") from error
+            raise self._unreachable(f"{what}: {reason_of(error)}") from error
         except UNREADABLE as error:
             raise LinkUnreachableError(
                 self._name,
@@ -351,11 +356,14 @@ class OpcuaSession:
         assert settings.server_cert is not None
         policy = getattr(security_policies, f"SecurityPolicy{settings.security.replace('_', '')}")
         mode = ua.MessageSecurityMode
+        cert = read_certificate(self._site.resolve(settings.cert))
+        key = read_key(self._site.resolve(settings.key), cert)
+        server = read_certificate(self._site.resolve(settings.server_cert))
         await self._client.set_security(
             policy,
-            str(self._site.resolve(settings.cert)),
-            str(self._site.resolve(settings.key)),
-            server_certificate=str(self._site.resolve(settings.server_cert)),
+            CertProperties(der_from_x509(cert), "der"),
+            CertProperties(pem_from_key(key), "pem"),
+            server_certificate=CertProperties(der_from_x509(server), "der"),
             mode=mode.SignAndEncrypt if settings.encrypt else mode.Sign,
         )
 

@@ -9,9 +9,6 @@ stray one is never kept for later, and nothing that arrives can raise inside the
 from __future__ import annotations
 
 import asyncio
-import os
-import re
-import ssl
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -24,12 +21,7 @@ from pymodbus.transport import CommParams, CommType, ModbusProtocol
 
 from fieldlink.links.frames import Frame, Framing, FramingError, Request
 from fieldlink.links.names import find_addresses
-from fieldlink.tls_words import tls_words
-
-try:
-    from termios import error as TerminalError  # noqa: N812
-except ImportError:  # pragma: no cover  (a system without terminals has no such errors)
-    TerminalError = OSError  # type: ignore[misc,assignment]
+from fieldlink.links.reasons import TerminalError, reason_of
 
 __all__ = [
     "Wire",
@@ -144,15 +136,15 @@ class Wire(ModbusProtocol):
             traceback.clear_frames(error.__traceback__)
             if isinstance(error, OSError):
                 taken = "exclusively lock" in str(error)
-                raise (WireTakenError if taken else WireLostError)(_reason(error)) from error
+                raise (WireTakenError if taken else WireLostError)(reason_of(error)) from error
             # ValueError: a host name or a serial setting that the system does not take.
             # A terminal error: a setting that the serial port itself refuses, such as a parity.
-            raise WireSettingError(_reason(error)) from error
+            raise WireSettingError(reason_of(error)) from error
         if self.transport.is_closing():
             # Lost before it was ours: nobody would wake a request on it. The reason comes later.
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._gone.wait(), within)
-            reason = f" ({_reason(self._lost)})" if self._lost is not None else ""
+            reason = f" ({reason_of(self._lost)})" if self._lost is not None else ""
             raise WireLostError(
                 f"the other side closed the connection at once{reason}"
             ) from self._lost
@@ -240,12 +232,12 @@ class Wire(ModbusProtocol):
             return
         self._lost = exc
         self._gone.set()
-        reason = f" ({_reason(exc)})" if exc is not None else ""
+        reason = f" ({reason_of(exc)})" if exc is not None else ""
         self._fail(WireLostError(f"the connection was dropped{reason}"))
 
     def error_received(self, exc: Exception) -> None:
         """Part of pymodbus' transport: a datagram came back as undeliverable."""
-        self._fail(WireLostError(_reason(exc)))
+        self._fail(WireLostError(reason_of(exc)))
 
     def data_received(self, data: bytes) -> None:
         """Called by the event loop: judge what has arrived, keep the beginning of a frame."""
@@ -316,22 +308,3 @@ def _misfit(request: Request, pdu: bytes) -> WrongReplyError:
     error = WrongReplyError(f"{held} of {request.count} registers")
     error.registers = held
     return error
-
-
-_ERRNO = re.compile(r"\[Errno (\d+)\]|\((\d+), '")
-"""How Python and pyserial write the system's number of an error inside their own words."""
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, ssl.SSLError):
-        return tls_words(error)
-    text = getattr(error, "strerror", None) or str(error) or "the other side ended the connection"
-    if "exclusively lock" in text:
-        text = "another program uses the port"
-    elif numbers := ["".join(found) for found in _ERRNO.findall(str(error))]:
-        # What asyncio and pyserial add is the address or the port, as Python writes them.
-        text = ", ".join(dict.fromkeys(os.strerror(int(number)) for number in numbers))
-    if isinstance(error, TerminalError) and not isinstance(error, OSError):
-        number, said = (*error.args, "")[:2] if error.args else (None, "")
-        text = f"the serial port refuses its settings ({said or number})"
-    return str(text).rstrip(".")

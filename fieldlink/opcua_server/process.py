@@ -23,11 +23,13 @@ from asyncua import Server, ua
 from asyncua.common.connection import TransportLimits
 from asyncua.crypto import uacrypto
 from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 
+from fieldlink.opcua_keys import KeyFileError, read_certificate, read_key
 from fieldlink.opcua_server.access import BoundedServer, Doorkeeper, ReadOnlyRules
 from fieldlink.opcua_server.nodes import Nodes
 
-__all__ = ["SettingError", "check_keys", "main"]
+__all__ = ["main", "read_keys"]
 
 NICENESS = 10
 """As the estimator's processes: the daemon's polls go first."""
@@ -53,13 +55,6 @@ _POLICIES = (
     ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
     ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
 )
-
-
-class SettingError(Exception):
-    """A setting cannot be used; says which and why, in a sentence.
-
-    Not a `FieldlinkError`: this process imports nothing of the daemon.
-    """
 
 
 def main() -> None:
@@ -101,7 +96,7 @@ async def _serve() -> None:
         nodes = Nodes(server)
         await nodes.build()
         await server.start()
-    except SettingError as error:
+    except KeyFileError as error:
         _tell(failed=str(error))
         return
     except OSError as error:
@@ -123,10 +118,9 @@ def _tell(**what: Any) -> None:
 
 
 async def _make_server(settings: dict[str, Any]) -> Server:
-    trusted = [await _certificate(path, "trusted") for path in settings["trusted"]]
     uri, cert, key = (settings[name] for name in ("application_uri", "cert", "key"))
-    if cert is not None:
-        await check_keys(cert, key, uri)
+    trusted = [read_certificate(path) for path in settings["trusted"]]
+    keys = None if cert is None else read_keys(cert, key, uri)
     doorkeeper = Doorkeeper(
         settings["username"],
         settings["password"],
@@ -151,10 +145,9 @@ async def _make_server(settings: dict[str, Any]) -> Server:
     server.set_endpoint(f"opc.tcp://{shown}:{settings['port']}/fieldlink")
     server.socket_address = (host, settings["port"])
     policies = [ua.SecurityPolicyType.NoSecurity]
-    if cert is not None:
+    if keys is not None:
         policies = list(_POLICIES)
-        await server.load_certificate(cert)
-        await server.load_private_key(key)
+        server.iserver.certificate, server.iserver.private_key = keys
     server.set_security_policy(policies, permission_ruleset=ReadOnlyRules())
     token = ua.AnonymousIdentityToken
     server.set_identity_tokens(
@@ -163,13 +156,13 @@ async def _make_server(settings: dict[str, Any]) -> Server:
     return server
 
 
-async def check_keys(cert: str, key: str, uri: str) -> None:
-    """Check that certificate and key can be used together by a server with this URI.
+def read_keys(cert: str, key: str, uri: str) -> tuple[x509.Certificate, RSAPrivateKey]:
+    """Return certificate and key of a server with this URI.
 
     Raises:
-        SettingError: they cannot.
+        KeyFileError: they cannot be used together.
     """
-    certificate = await _certificate(cert, "cert")
+    certificate = read_certificate(cert)
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
         uris = names.value.get_values_for_type(x509.UniformResourceIdentifier)
@@ -177,28 +170,8 @@ async def check_keys(cert: str, key: str, uri: str) -> None:
         uris = []
     if uri not in uris:
         found = f"names {uris[0]}" if uris else "names no application URI"
-        raise SettingError(
-            f"opcua_server.cert {cert} {found} and the server is {uri}; make them agree"
-        )
-    try:
-        private = await uacrypto.load_private_key(key)
-    except (OSError, ValueError, TypeError) as error:
-        raise SettingError(
-            f"opcua_server.key {key} cannot be read; give a PEM or DER file without a password"
-        ) from error
-    if private.public_key() != certificate.public_key():
-        raise SettingError(
-            f"opcua_server.key {key} does not belong to {cert}; give the key of that certificate"
-        )
-
-
-async def _certificate(path: str, key: str) -> Any:
-    try:
-        return await uacrypto.load_certificate(path)
-    except (OSError, ValueError) as error:
-        raise SettingError(
-            f"opcua_server.{key} {path} cannot be read; give a certificate as PEM or DER file"
-        ) from error
+        raise KeyFileError(f"{cert} {found} and the server is {uri}", "make them agree")
+    return certificate, read_key(key, certificate)
 
 
 if __name__ == "__main__":

@@ -46,13 +46,10 @@ def _certificates(site: Site) -> Iterator[tuple[str, Path | None, str]]:
 
 
 def _fault_of(file: Path) -> str:
-    from cryptography import x509
+    from fieldlink.opcua_keys import load_certificate
 
     try:
-        data = file.read_bytes()
-        is_text = data.lstrip().startswith(b"-----")
-        load = x509.load_pem_x509_certificate if is_text else x509.load_der_x509_certificate
-        certificate = load(data)
+        certificate = load_certificate(file.read_bytes())
     except (OSError, ValueError):
         return "cannot be read as a certificate"
     now = datetime.now(UTC)

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import trustme
 from asyncua import ua
+from cryptography.hazmat.primitives import serialization
 
 from fieldlink.links import LinkError, SystemClock, open_link
 from fieldlink.links.opcua_session import OpcuaSession, StatusError
@@ -121,3 +123,43 @@ async def test_a_server_that_takes_fewer_nodes_in_one_request_is_told_with_the_k
     monkeypatch.setattr(session._client.uaclient, "read", refuse)
     with pytest.raises(LinkError, match=r"BadTooManyOperations; .*: lower max_nodes"):
         await session.read_words("ns=1;s=E", 0, 2)
+
+
+@pytest.mark.parametrize(
+    ("cert", "key", "said"),
+    [
+        ("our.crt", "our.key.der", "Connection refused"),
+        ("our.crt", "secret.pem", "secret.pem has a password; give the key without one"),
+        ("our.crt", "junk.pem", "junk.pem holds no private key; give the key as PEM or DER file"),
+        ("junk.pem", "our.key.pem", "junk.pem holds no certificate; give a certificate as PEM"),
+        ("our.crt", "other.key.pem", "does not belong to the certificate; give the key of that"),
+        ("ec.pem", "our.key.pem", "is not a certificate of an RSA key; make one with an RSA key"),
+    ],
+)
+async def test_files_of_ours_are_not_an_answer_of_the_server(
+    make_opcua_site: Callable[..., Site], tmp_path: Path, cert: str, key: str, said: str
+) -> None:
+    """PEM in a file with another ending is PEM, too."""
+    for name in ("our", "other", "server"):
+        write_certificate(tmp_path, "urn:fieldlink:client", name=name)
+    (tmp_path / "our.crt").write_bytes((tmp_path / "our.pem").read_bytes())
+    (tmp_path / "junk.pem").write_text("junk")
+    authority = trustme.CA(key_type=trustme.KeyType.ECDSA)
+    authority.cert_pem.write_to_path(tmp_path / "ec.pem")
+    read = serialization.load_pem_private_key((tmp_path / "our.key.pem").read_bytes(), None)
+    pkcs8 = serialization.PrivateFormat.PKCS8
+    for name, form, lock in (
+        ("our.key.der", serialization.Encoding.DER, serialization.NoEncryption()),
+        ("secret.pem", serialization.Encoding.PEM, serialization.BestAvailableEncryption(b"x")),
+    ):
+        (tmp_path / name).write_bytes(read.private_bytes(form, pkcs8, lock))
+    site = make_opcua_site(
+        1,
+        opcua=f'security = "Basic256Sha256"\ncert = "{cert}"\nkey = "{key}"\n'
+        'server_cert = "server.pem"',
+    )
+    link = open_link(site, "plc")
+    (failure,) = {str(failure) for failure in (await link.scan()).failures}
+    await link.close()
+    assert said in failure
+    assert "answer" not in failure

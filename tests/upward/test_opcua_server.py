@@ -19,10 +19,11 @@ from asyncua.ua.uaerrors import UaError
 from benchmarks.web_store import fill_store
 from fieldlink.errors import FieldlinkError
 from fieldlink.links.backoff import BackoffSettings
+from fieldlink.opcua_keys import KeyFileError
 from fieldlink.opcua_server import serving
 from fieldlink.opcua_server.document import loop_values
 from fieldlink.opcua_server.names import LOOP_VARIABLES
-from fieldlink.opcua_server.process import SettingError, check_keys
+from fieldlink.opcua_server.process import read_keys
 from fieldlink.opcua_server.serving import opcua_server, read_password
 from fieldlink.site import SiteError, check, load_site
 from fieldlink.web import live_source
@@ -174,20 +175,20 @@ async def test_only_the_trusted_client_with_the_password_is_let_in(tmp_path: Pat
                 await connect(server.address, folder, user)
 
 
-async def test_a_certificate_that_cannot_be_used_is_one_sentence(tmp_path: Path) -> None:
+def test_a_certificate_that_cannot_be_used_is_one_sentence(tmp_path: Path) -> None:
     for name in ("mine", "other"):
         (tmp_path / name).mkdir()
         write_certificate(tmp_path / name, "urn:mine")
     cert, key = (str(tmp_path / "mine" / name) for name in ("our.pem", "our.key.pem"))
-    await check_keys(cert, key, "urn:mine")
+    read_keys(cert, key, "urn:mine")
     for given, said in (
         ((cert, key, "urn:x"), "names urn:mine and the server is urn:x; make them agree"),
-        ((cert, cert, "urn:mine"), "cannot be read; give a PEM or DER file without a password"),
-        ((key, key, "urn:mine"), "cannot be read; give a certificate as PEM or DER file"),
+        ((cert, cert, "urn:mine"), "holds no private key; give the key as PEM or DER file"),
+        ((key, key, "urn:mine"), "holds no certificate; give a certificate as PEM or DER file"),
         ((cert, str(tmp_path / "other" / "our.key.pem"), "urn:mine"), "does not belong to"),
     ):
-        with pytest.raises(SettingError, match=said):
-            await check_keys(*given)
+        with pytest.raises(KeyFileError, match=said):
+            read_keys(*given)
 
 
 class Taker:
