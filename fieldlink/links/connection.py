@@ -53,6 +53,11 @@ __all__ = ["ModbusConnection"]
 
 _LINES = Lines()
 
+_PORT_REMEDY = (
+    "check serial_port, that its adapter is plugged in, and that this user may open it (as a rule "
+    "as a member of the group dialout)"
+)
+
 
 class ModbusConnection:
     """A connection to one unit that heals itself.
@@ -90,7 +95,7 @@ class ModbusConnection:
         self._line: Line | None = None
         self._late = LateReplies() if probes or not line.numbered else None
         self._last_error = "not tried yet"
-        self._misfits = Misfits()
+        self._misfits = Misfits(on_serial_line=line.per_byte > 0.0)
         self._connects_before = 0
         self.requests = 0
         self.late_replies = 0
@@ -185,6 +190,8 @@ class ModbusConnection:
             raise self._failed(error) from error.__cause__
         except WireLostError as error:
             remedy = "check that the device is on, its address, and the cable or network between"
+            if line.settings.per_byte:
+                remedy = _PORT_REMEDY
             if isinstance(error, WireSettingError):
                 serial = "baud rate, parity, data bits and stop bits"
                 remedy = f"correct {serial if line.settings.per_byte else 'the host name'}"
@@ -232,6 +239,7 @@ class ModbusConnection:
                     f"{self._where}: {error} while {request.text}",
                     ("" if wire.answers else _too_few(line))
                     or (distrust_remedy("tls.cert") if wire.may_distrust_us else "")
+                    or (_PORT_REMEDY if line.settings.per_byte else "")
                     or "it is tried again by itself; look at the device if it persists",
                 )
             ) from error

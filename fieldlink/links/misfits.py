@@ -14,9 +14,14 @@ _BETWEEN = "look for a second master or a faulty gateway"
 
 
 class Misfits:
-    """Remembers whether a device has ever answered as it was asked, and how it answers else."""
+    """Remembers whether a device has ever answered as it was asked, and how it answers else.
 
-    def __init__(self) -> None:
+    Args:
+        on_serial_line: whether the settings of a line may be why it is silent.
+    """
+
+    def __init__(self, *, on_serial_line: bool) -> None:
+        self._on_serial_line = on_serial_line
         self._longest = 0
         self._has_fitted = False
         self._seen: set[tuple[int | None, int | None]] = set()
@@ -52,6 +57,11 @@ class Misfits:
     def remedy_of_silence(self, request: Request | None) -> str:
         """Return what to do about silence; ``request`` is None where the plan has none like it."""
         usual = "check the unit id, or raise the device's timeout"
+        if self._on_serial_line and not self._has_fitted:
+            usual = (
+                "check the unit id, the line's baud rate, parity and stop bits, and its two wires, "
+                "which may be exchanged; or raise the device's timeout"
+            )
         if request is None or not request.is_read or request.table.is_bits or request.count == 1:
             return usual
         if not self._has_fitted:

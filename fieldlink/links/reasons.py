@@ -26,6 +26,8 @@ def reason_of(error: Exception) -> str:
     text = getattr(error, "strerror", None) or str(error) or "the other side ended the connection"
     if "exclusively lock" in text:
         text = "another program uses the port"
+    elif "returned no data" in text:
+        text = "the port is gone, or another program reads from it"
     elif numbers := ["".join(found) for found in _ERRNO.findall(str(error))]:
         # What asyncio and pyserial add is the address or the port, as Python writes them.
         text = ", ".join(dict.fromkeys(os.strerror(int(number)) for number in numbers))

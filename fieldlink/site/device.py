@@ -99,8 +99,8 @@ class Device(Model):
     """Bits per second of the serial line."""
     parity: Literal["none", "even", "odd"] = "even"
     """Parity of the serial line."""
-    data_bits: Literal[7, 8] = 8
-    """Data bits of the serial line."""
+    data_bits: Literal[8] = 8
+    """Data bits of the serial line; RTU has no other number."""
     stop_bits: Literal[1, 2] = 1
     """Stop bits of the serial line; Modbus wants 2 with parity none."""
     unit: int = Field(default=1, ge=0, le=255)
@@ -183,6 +183,16 @@ class Device(Model):
                 f'byte_order = "{pair[1]}"'
             )
         return order
+
+    @field_validator("data_bits", mode="before")
+    @classmethod
+    def _is_rtu_frame(cls, bits: object) -> object:
+        if bits == 7:
+            raise ValueError(
+                "data_bits = 7 is of Modbus ASCII, which is not supported; set the device to RTU, "
+                "and data_bits = 8"
+            )
+        return bits
 
     @model_validator(mode="after")
     def _complete(self) -> Self:

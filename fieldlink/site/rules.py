@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -221,8 +222,14 @@ def _lines(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
         if device.serial_port is None:
             continue
-        first = first_of.setdefault(device.serial_port, name)
-        for key in ("baud", "parity", "data_bits", "stop_bits"):
+        first = first_of.setdefault(os.path.realpath(device.serial_port), name)
+        if device.serial_port != (known := site.devices[first].serial_port):
+            yield source.problem(
+                ("devices", name, "serial_port"),
+                f"{device.serial_port} is the same port as {known} of {first!r}",
+                "write the same name for both, so that they take turns on it",
+            )
+        for key in ("baud", "parity", "stop_bits"):
             mine, theirs = getattr(device, key), getattr(site.devices[first], key)
             if mine != theirs:
                 yield source.problem(

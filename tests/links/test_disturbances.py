@@ -249,7 +249,7 @@ async def test_a_port_that_fails_once_it_is_open_is_let_go(
     )
     link = ModbusLink(ModbusSettings("plc", device), plan_reads(FAR_APART), SystemClock())
     scan = await link.scan()
-    assert ": Input/output error; check that" in str(scan.failures[0])
+    assert ": Input/output error; check serial_port" in str(scan.failures[0])
     port = os.open(serial_line[0], os.O_RDWR | os.O_NOCTTY)
     fcntl.flock(port, fcntl.LOCK_EX | fcntl.LOCK_NB)
     os.close(port)
