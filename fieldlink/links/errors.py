@@ -14,6 +14,7 @@ __all__ = [
     "LinkPausedError",
     "LinkTimeoutError",
     "LinkUnreachableError",
+    "PlantFailedError",
     "RecordingEndedError",
     "ReplyMismatchError",
     "UnknownLinkKindError",
@@ -154,6 +155,10 @@ class AccessRefusedError(LinkError):
 
 class RecordingEndedError(LinkError):
     """A recording has no more rows."""
+
+
+class PlantFailedError(LinkError):
+    """A simulated plant has failed: its loop stands still from now on, the others go on."""
 
 
 class UnknownLinkKindError(LinkError):

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
+from fieldlink.daemon import LockstepRun
 from fieldlink.lab.plc import HostedPlant, VirtualPlc, serve
 from fieldlink.lab.plc.plants import step_all
 from fieldlink.registers import DataType, Table, decode
 from fieldlink.site import Site, load_site
+from fieldlink.store import EventRecord, Record
 from fmu_models import PlantCrashError, PlantInfo, catalogue
 from fmu_models.packing import build_source
 
@@ -312,3 +314,20 @@ def test_the_shipped_site_of_many_plants_runs() -> None:
         truths = {loop: plc.truth(loop) for loop in plc.loops}
     assert status == 3  # nobody wrote OP of LC104 for 30 s: the PLC's own PI has it
     assert all(np.isfinite(truth.pv).all() and truth.automatic.all() for truth in truths.values())
+
+
+async def test_a_run_in_lockstep_tells_of_each_plant_that_failed(
+    make_many: MakeMany, faulty: str
+) -> None:
+    bad = f'fmu = "{faulty}"\ncontroller = "none"\nparameters = {{ fault = '
+    site = make_many({"DIES": bad + "2 }", "REFUSES": bad + "4 }", "LIVES": bad + "0 }"})
+    records: list[Record] = []
+    run = LockstepRun(site.with_device("plc", link="fmu"), on_record=records.append)
+    status = await run.run(10.0)
+    told = [one for one in records if isinstance(one, EventRecord) and one.kind == "plant.failed"]
+    assert all(one.message.endswith("; its loop stands still, the others go on") for one in told)
+    dies, refuses = (one.message for one in told)
+    assert "loop DIES: " in dies
+    assert "SIGSEGV" in dies
+    assert "loop REFUSES: " in refuses
+    assert status.loops["LIVES"].counts.read == 10

@@ -23,6 +23,7 @@ from fieldlink.links import (
     CountingLink,
     Link,
     LinkState,
+    PlantFailedError,
     RecordingEndedError,
     Scan,
     SteppedLink,
@@ -226,10 +227,12 @@ class DeviceRunner:
             self._last_failure = str(scan.failures[0])
         if not self.ended and any(isinstance(f, RecordingEndedError) for f in scan.failures):
             self.ended = True
+        for failure in scan.failures:
+            if isinstance(failure, PlantFailedError):
+                self._journal.event("plant.failed", self.name, str(failure), bad=True)
         before, self._state = self._state, self.link.state
         if self._state is not before:
-            message = self._last_failure if scan.failures else self._state.advice
+            is_good = self._state is LinkState.GOOD
+            message = self._last_failure if scan.failures and not is_good else self._state.advice
             kind = f"device.{self._state.name.lower()}"
-            self._journal.event(
-                kind, self.name, message, bad=self._state is not LinkState.GOOD and not self.ended
-            )
+            self._journal.event(kind, self.name, message, bad=not is_good and not self.ended)

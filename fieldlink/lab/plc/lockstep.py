@@ -8,13 +8,14 @@ the machine and the same for the same seed.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from compensator import LoopMemory
 from fieldlink.lab.plc.image import RequestRefusedError
 from fieldlink.lab.plc.virtual import BuildProgram, VirtualPlc, scan_period
 from fieldlink.links.base import LinkState, Scan
 from fieldlink.links.clock import Clock
-from fieldlink.links.errors import ExceptionReplyError, LinkUnreachableError
+from fieldlink.links.errors import ExceptionReplyError, LinkUnreachableError, PlantFailedError
 from fieldlink.links.plan_reader import PlanReader
 from fieldlink.registers import Table, pack_payload
 from fieldlink.site import Site
@@ -39,6 +40,7 @@ class LockstepLink:
         self._device = device
         self._programs = programs
         self._plc: VirtualPlc | None = None
+        self._told: set[str] = set()
         self._retained: dict[str, LoopMemory] = {}
         self.scan_period = float(scan_period(site, device))
         self._reader = PlanReader(site.requests(device), self._payload, clock)
@@ -63,14 +65,22 @@ class LockstepLink:
     async def open(self) -> None:
         """Start the plants."""
         if self._plc is None:
+            self._told.clear()
             self._plc = VirtualPlc(
                 self._site, self._device, programs=self._programs, retained=self._retained
             )
 
     async def scan(self) -> Scan:
-        """Run one control cycle, then read every mapped tag."""
+        """Run one control cycle, then read every mapped tag; a plant that failed is told once."""
         self.plc.scan()
-        return await self._reader.scan()
+        scan = await self._reader.scan()
+        stopped = {loop: why for loop, why in self.plc.failures.items() if loop not in self._told}
+        self._told.update(stopped)
+        failures = tuple(
+            PlantFailedError(self._device, why, "its loop stands still, the others go on")
+            for why in stopped.values()
+        )
+        return replace(scan, failures=(*scan.failures, *failures))
 
     def go_on(self, seconds: float) -> None:
         """Let the PLC's block readers look ``seconds`` after the last scan."""
