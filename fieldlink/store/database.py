@@ -31,7 +31,6 @@ __all__ = [
     "is_away",
     "open_for_reading",
     "open_for_writing",
-    "reading_advice",
     "shown",
 ]
 
@@ -143,23 +142,6 @@ def shown(url: str) -> str:
 def cause_of(error: SQLAlchemyError) -> str:
     """Return what the database itself said, in one line."""
     return " ".join(str(getattr(error, "orig", None) or error).split())
-
-
-def reading_advice(error: SQLAlchemyError) -> str:
-    """Return what to do about a historian that cannot be read, by what the database said."""
-    cause = cause_of(error)
-    for words, advice in _ADVICE.items():
-        if words in cause:
-            return advice
-    return "check that it is a Fieldlink historian"
-
-
-_ADVICE = {
-    "locked": "another program holds it: close that, or try again",
-    "disk I/O error": "check the disk and its free space",
-    "malformed": "it is damaged: a daemon that starts on it sets it aside and begins a new one, "
-    "and sqlite3's .recover saves what can be read",
-}
 
 
 def is_away(engine: Engine, error: SQLAlchemyError) -> bool:

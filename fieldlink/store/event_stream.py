@@ -6,10 +6,8 @@ A row's number tells what is new, not its time: the wall clock may have been set
 from __future__ import annotations
 
 from sqlalchemy import func, select
-from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
-from fieldlink.store.errors import StoreError
+from fieldlink.store.reading import reading
 from fieldlink.store.records import EventRecord
 from fieldlink.store.schema import EVENTS
 
@@ -41,22 +39,13 @@ class EventStream:
 
     def _read(self, count: int | None) -> tuple[EventRecord, ...]:
         c = EVENTS.c
-        engine = open_for_reading(self._url)
-        try:
-            with engine.connect() as connection:
-                newest = connection.scalar(select(func.max(c.id))) or 0
-                if newest < self._seen:
-                    # Another file has taken the place of a damaged one, and counts from 1.
-                    self._seen = 0
-                query = select(EVENTS).where(c.id > self._seen, c.id <= newest)
-                rows = connection.execute(query.order_by(c.id.desc()).limit(count)).mappings().all()
-        except SQLAlchemyError as error:
-            raise StoreError(
-                f"the events in {shown(self._url)} cannot be read: {cause_of(error)}; "
-                f"{reading_advice(error)}"
-            ) from error
-        finally:
-            engine.dispose()
+        with reading(self._url) as connection:
+            newest = connection.scalar(select(func.max(c.id))) or 0
+            if newest < self._seen:
+                # Another file has taken the place of a damaged one, and counts from 1.
+                self._seen = 0
+            query = select(EVENTS).where(c.id > self._seen, c.id <= newest)
+            rows = connection.execute(query.order_by(c.id.desc()).limit(count)).mappings().all()
         self._seen = newest
         return tuple(
             EventRecord(row["utc_ms"], row["kind"], row["source"], row["message"])

@@ -27,11 +27,11 @@ from sqlalchemy import (
     Table,
     select,
 )
-from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.spreadsheet import to_cell
-from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
+from fieldlink.store.database import shown
 from fieldlink.store.errors import StoreError
+from fieldlink.store.reading import reading
 from fieldlink.store.schema import (
     AVERAGES,
     DIAGNOSES,
@@ -109,10 +109,9 @@ def export(
         raise StoreError(f"{target} exists; name a new file, or replace it with --force")
     chosen = EXPORTED_TABLES[table]
     query = _query(chosen, loop, since, until)
-    engine = open_for_reading(url)
     part = target.with_name(target.name + ".part")
     try:
-        with engine.connect() as connection:
+        with reading(url) as connection:
             columns = _columns(connection, query, chosen)
             parts = connection.execution_options(yield_per=PART).execute(query).partitions()
             rows = writer(part, columns, (_rows(columns, items) for items in parts))
@@ -123,17 +122,12 @@ def export(
                 + "; check the loop's name and the times"
             )
         part.replace(target)
-    except SQLAlchemyError as error:
-        raise StoreError(
-            f"the historian {shown(url)} cannot be read: {cause_of(error)}; {reading_advice(error)}"
-        ) from error
     except OSError as error:
         raise StoreError(
             f"{target} cannot be written: {error.strerror or error}; "
             "check the folder and the free space"
         ) from error
     finally:
-        engine.dispose()
         remove_unfinished(part)
     return Export(target, rows)
 

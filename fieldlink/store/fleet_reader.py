@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Self
 from sqlalchemy import Column, Select, Table, func, inspect, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
-from fieldlink.store.errors import StoreError
+from fieldlink.store.database import open_for_reading
 from fieldlink.store.last_findings import newest_of_findings
 from fieldlink.store.queries import frame_of
+from fieldlink.store.reading import reading_error
 from fieldlink.store.schema import (
     DIAGNOSES,
     ESTIMATES,
@@ -189,7 +189,7 @@ class FleetReader:
         try:
             return inspect(self._engine).has_table(table.name)
         except SQLAlchemyError as error:
-            raise self._problem(error) from error
+            raise reading_error(self._engine, self._url, error) from error
 
     def _frame(self, query: Select[Any], columns: Sequence[Column[Any]]) -> pd.DataFrame:
         return frame_of([row._mapping for row in self._rows(query)], columns)
@@ -206,10 +206,4 @@ class FleetReader:
             with self._engine.connect() as connection:
                 return connection.execute(query).all()
         except SQLAlchemyError as error:
-            raise self._problem(error) from error
-
-    def _problem(self, error: SQLAlchemyError) -> StoreError:
-        return StoreError(
-            f"the historian {shown(self._url)} cannot be read: {cause_of(error)}; "
-            f"{reading_advice(error)}"
-        )
+            raise reading_error(self._engine, self._url, error) from error

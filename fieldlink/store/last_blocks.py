@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from sqlalchemy import Select, func, select
-from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, open_for_reading, shown
-from fieldlink.store.errors import StoreError
+from fieldlink.store.reading import reading
 from fieldlink.store.records import WritebackRecord
 from fieldlink.store.schema import WRITEBACKS
 
@@ -39,16 +37,8 @@ def newest_blocks(url: str, loop: str, most: int = 200) -> tuple[WritebackRecord
 
 
 def _read(url: str, query: Select[Any]) -> tuple[WritebackRecord, ...]:
-    engine = open_for_reading(url)
-    try:
-        with engine.connect() as connection:
-            rows = [dict(row) for row in connection.execute(query).mappings()]
-    except SQLAlchemyError as error:
-        raise StoreError(
-            f"the write-backs in {shown(url)} cannot be read: {cause_of(error)}"
-        ) from error
-    finally:
-        engine.dispose()
+    with reading(url) as connection:
+        rows = [dict(row) for row in connection.execute(query).mappings()]
     for row in rows:
         del row["id"]
     return tuple(WritebackRecord(**row) for row in rows)

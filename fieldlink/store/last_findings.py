@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from sqlalchemy import Select, func, inspect, select
-from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, open_for_reading, reading_advice, shown
-from fieldlink.store.errors import StoreError
+from fieldlink.store.reading import reading
 from fieldlink.store.records import FindingRecord
 from fieldlink.store.schema import FINDINGS
 
@@ -31,20 +29,11 @@ def open_findings(url: str) -> tuple[FindingRecord, ...]:
     """
     c = FINDINGS.c
     query = newest_of_findings().where(c.state != CLOSED).order_by(c.born_ms, c.finding)
-    engine = open_for_reading(url)
-    try:
-        if not inspect(engine).has_table(FINDINGS.name):
+    with reading(url) as connection:
+        if not inspect(connection).has_table(FINDINGS.name):
             # a store of an earlier release that no daemon has opened since
             return ()
-        with engine.connect() as connection:
-            rows = [dict(row) for row in connection.execute(query).mappings()]
-    except SQLAlchemyError as error:
-        raise StoreError(
-            f"the findings in {shown(url)} cannot be read: {cause_of(error)}; "
-            f"{reading_advice(error)}"
-        ) from error
-    finally:
-        engine.dispose()
+        rows = [dict(row) for row in connection.execute(query).mappings()]
     for row in rows:
         del row["id"]
         row["loops"] = tuple(row["loops"])

@@ -12,10 +12,9 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Column, Float, Table, select
-from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import open_for_reading, reading_advice
 from fieldlink.store.errors import StoreError
+from fieldlink.store.reading import reading
 from fieldlink.store.schema import AVERAGES, ESTIMATES, EVENTS, SAMPLES, SLOTS, WRITEBACKS
 
 if TYPE_CHECKING:
@@ -107,19 +106,9 @@ def _read(
         query = query.where(table.c.utc_ms >= _milliseconds(since))
     if until is not None:
         query = query.where(table.c.utc_ms <= _milliseconds(until))
-    engine = open_for_reading(url)
-    try:
-        with engine.connect() as connection:
-            result = connection.execute(query)
-            frame = frame_of(result.mappings().all(), list(table.columns))
-    except SQLAlchemyError as error:
-        cause = getattr(error, "orig", None) or error
-        raise StoreError(
-            f"the historian {engine.url.render_as_string()} cannot be read: {cause}; "
-            f"{reading_advice(error)}"
-        ) from error
-    finally:
-        engine.dispose()
+    with reading(url) as connection:
+        result = connection.execute(query)
+        frame = frame_of(result.mappings().all(), list(table.columns))
     return frame.drop(columns="id")
 
 

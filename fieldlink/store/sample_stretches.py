@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from sqlalchemy import Select, func, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, is_away, open_for_reading, shown
-from fieldlink.store.errors import StoreAwayError, StoreError
+from fieldlink.store.database import open_for_reading, shown
+from fieldlink.store.errors import StoreError
+from fieldlink.store.reading import reading_error
 from fieldlink.store.schema import SAMPLES
 
 __all__ = ["SampleReader", "column_of_numbers"]
@@ -32,7 +33,7 @@ class SampleReader:
     """
 
     def __init__(self, url: str) -> None:
-        self._shown = shown(url)
+        self._url = url
         self._engine = open_for_reading(url)
 
     def close(self) -> None:
@@ -62,7 +63,7 @@ class SampleReader:
         )
         if first is None or last is None:
             raise StoreError(
-                f"the historian {self._shown} has no samples of loop {loop!r}; check the name"
+                f"the historian {shown(self._url)} has no samples of loop {loop!r}; check the name"
             )
         return int(first), int(last)
 
@@ -89,10 +90,7 @@ class SampleReader:
             with self._engine.connect() as connection:
                 return connection.execute(query).all()
         except SQLAlchemyError as error:
-            what = f"the historian {self._shown} cannot be read: {cause_of(error)}; check that"
-            if is_away(self._engine, error):
-                raise StoreAwayError(f"{what} its server runs") from error
-            raise StoreError(f"{what} it is a Fieldlink historian") from error
+            raise reading_error(self._engine, self._url, error) from error
 
 
 def column_of_numbers(rows: Sequence[Any], number: int) -> Floats:

@@ -17,6 +17,7 @@ from fieldlink.store import (
     SlotRecord,
     StoreError,
     back_up,
+    export,
     read_estimates,
     read_events,
     read_samples,
@@ -135,3 +136,15 @@ def test_the_fixture_is_what_the_first_release_made() -> None:
             made.executescript(text.replace("PRAGMA journal_mode = WAL;", ""))
             theirs = [row[1] for row in made.execute(f"PRAGMA table_info({name})")]
         assert theirs == ours[: len(theirs)]
+
+
+def test_what_an_earlier_release_did_not_store_is_not_there_yet(tmp_path: Path) -> None:
+    file = tmp_path / "history.sqlite"
+    made = Historian(f"sqlite:///{file}", QUICK)
+    made.start(OPENED)
+    made.stop()
+    with closing(sqlite3.connect(file)) as earlier, earlier:
+        earlier.execute("DROP TABLE diagnoses")
+        earlier.execute("UPDATE meta SET value = '3' WHERE key = 'schema'")
+    with pytest.raises(StoreError, match="if an earlier release wrote it, start the daemon"):
+        export(f"sqlite:///{file}", tmp_path / "out.csv", table="diagnoses")

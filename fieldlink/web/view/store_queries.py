@@ -22,9 +22,9 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store import StoreError
-from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.database import open_for_reading
 from fieldlink.store.last_findings import CLOSED, newest_of_findings
+from fieldlink.store.reading import reading_error
 from fieldlink.store.schema import (
     DIAGNOSES,
     ESTIMATES,
@@ -231,7 +231,7 @@ class StoreQueries:
             try:
                 self._tables = frozenset(inspect(self._engine).get_table_names())
             except SQLAlchemyError as error:
-                raise self._problem(error) from error
+                raise reading_error(self._engine, self._url, error) from error
         return table.name in self._tables
 
     def sample_count(self, loop: str, since_ms: int, until_ms: int) -> int:
@@ -298,13 +298,7 @@ class StoreQueries:
                 names = tuple(found.keys())
                 return [dict(zip(names, row, strict=True)) for row in found]
         except SQLAlchemyError as error:
-            raise self._problem(error) from error
-
-    def _problem(self, error: SQLAlchemyError) -> StoreError:
-        return StoreError(
-            f"the historian {shown(self._url)} cannot be read: {cause_of(error)}; check that "
-            "it is a historian of Fieldlink"
-        )
+            raise reading_error(self._engine, self._url, error) from error
 
 
 def _accepted(since_ms: int) -> tuple[ColumnElement[bool], ...]:
