@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
+from fieldlink.printable import quoted
+from fieldlink.whole_numbers import whole_number
+
 if TYPE_CHECKING:
     from fieldlink.site import Device, Site
 
@@ -196,9 +199,11 @@ def _make_device(
             host = host.strip("[]")
         keys |= {"link": f"modbus-{transport}", "host": host}
         if port:
-            if not port.isdecimal() or len(port) > len("65535"):
-                raise typer.BadParameter(f"{target!r}: {port!r} is not a port", param_hint="TARGET")
-            keys["port"] = int(port)
+            keys["port"] = whole_number(port, 0xFFFF)
+            if keys["port"] is None:
+                raise typer.BadParameter(
+                    f"{quoted(target)}: {quoted(port)} is not a port", param_hint="TARGET"
+                )
     try:
         return Device(register_map=Path("none"), **keys)
     except ValidationError as error:

@@ -17,6 +17,8 @@ from fieldlink.cli.device_argument import (
     find_target,
     takes_connection,
 )
+from fieldlink.printable import quoted
+from fieldlink.whole_numbers import whole_number
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -145,14 +147,13 @@ def _unit_ids(text: str) -> tuple[int, ...]:
     ids: list[int] = []
     for part in filter(None, text.split(",")):
         low, _, high = part.strip().partition("-")
-        if not low.isdecimal() or not (high or low).isdecimal():
+        first, last = whole_number(low, 255), whole_number(high or low, 255)
+        if first is None or last is None:
             raise typer.BadParameter(
-                f"{part!r} is neither a unit id nor a range", param_hint="--units"
+                f"{quoted(part)} is neither a unit id from 0 to 255 nor a range of them",
+                param_hint="--units",
             )
-        for number in (low, high or low):
-            if len(number) > len("255") or int(number) > 255:
-                raise typer.BadParameter(f"{number[:20]} is above 255", param_hint="--units")
-        ids.extend(range(int(low), int(high or low) + 1))
+        ids.extend(range(first, last + 1))
     return tuple(dict.fromkeys(ids))
 
 

@@ -23,8 +23,10 @@ from fieldlink.links.errors import (
 )
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.links.registry import open_link
+from fieldlink.printable import quoted
 from fieldlink.registers import DataType, RegisterValueError, Table, Tag, plan_reads
 from fieldlink.site import Device, Site
+from fieldlink.whole_numbers import whole_number
 
 __all__ = [
     "ByHandError",
@@ -121,14 +123,15 @@ def parse_point(text: str, device: Device) -> Tag:
     usage = "write [table:]address[:type[:length]], such as 7, input:7 or holding:100:float32"
     manual = as_manual_address(number)
     if manual is not None and int(number) > 0xFFFF:
-        raise ByHandError(f"{text!r} is how manuals write {manual}; give {manual}")
-    if not _is_up_to(0xFFFF, number) or rest:
-        raise ByHandError(f"{text!r} is neither a tag nor an address; {usage}")
+        raise ByHandError(f"{quoted(text)} is how manuals write {manual}; give {manual}")
+    address = whole_number(number, 0xFFFF)
+    if address is None or rest:
+        raise ByHandError(f"{quoted(text)} is neither a tag nor an address; {usage}")
     if kind and kind not in list(DataType):
         raise ByHandError(f"{text!r}: {kind!r} is not a type; use one of: {', '.join(DataType)}")
     data_type = DataType(kind) if kind else default
-    if length and not (data_type is DataType.STRING and _is_up_to(0xFFFF, length)):
-        raise ByHandError(f"{text!r}: only a string has a length, a whole number; {usage}")
+    if length and not (data_type is DataType.STRING and whole_number(length, 0xFFFF) is not None):
+        raise ByHandError(f"{quoted(text)}: only a string has a length, a whole number; {usage}")
     if (data_type is DataType.STRING) != bool(length):
         raise ByHandError(f"{text!r}: a string needs its registers, such as holding:100:string:8")
     if table.is_bits and data_type is not DataType.BOOL:
@@ -136,7 +139,7 @@ def parse_point(text: str, device: Device) -> Tag:
     tag = Tag(
         text,
         table,
-        int(number),
+        address,
         data_type,
         writable=table.is_writable,
         length=int(length or 0),
@@ -149,12 +152,6 @@ def parse_point(text: str, device: Device) -> Tag:
             "65535; give another address or type"
         )
     return tag
-
-
-def _is_up_to(most: int, text: str) -> bool:
-    """Whether ``text`` is a whole number up to ``most``; thousands of digits are no matter."""
-    digits = text.lstrip("0")
-    return text.isdecimal() and len(digits) <= len(str(most)) and int(digits or "0") <= most
 
 
 async def read_points(points: Sequence[Point]) -> list[Reading]:

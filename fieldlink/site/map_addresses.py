@@ -16,6 +16,7 @@ from collections.abc import Container, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from fieldlink.printable import quoted
 from fieldlink.registers import Table
 
 __all__ = ["AddressStyle", "FoundAddress", "guess_style", "parse_address"]
@@ -28,9 +29,9 @@ MOST = 0.8
 _TABLES = {"0": Table.COIL, "1": Table.DISCRETE, "3": Table.INPUT, "4": Table.HOLDING}
 _MODICON = re.compile(r"([0134])x?(\d{4,5})", re.IGNORECASE)
 _PREFIXED = re.compile(r"0x\d{4,5}", re.IGNORECASE)
-_NUMBER = re.compile(r"(0x[0-9a-f]+|\d+)(?:[./:](\d{1,2}))?", re.IGNORECASE)
+_NUMBER = re.compile(r"(0x[0-9a-f]{1,9}|\d{1,9})(?:[./:](\d{1,2}))?", re.IGNORECASE)
 _SPAN = re.compile(r"([^\s.\u2026\u2013-]+)\s*(?:-|\.\.+|\u2026|\u2013)\s*([^\s.\u2026\u2013-]+)")
-_MEMORY_WORD = re.compile(r"%MW(\d+)(?:[.:]X?(\d{1,2}))?", re.IGNORECASE)
+_MEMORY_WORD = re.compile(r"%MW(\d{1,9})(?:[.:]X?(\d{1,2}))?", re.IGNORECASE)
 _MARKED_HEX = re.compile(r"(?:16#|&h)([0-9a-f]+)|([0-9a-f]+)h", re.IGNORECASE)
 _BARE_HEX = re.compile(r"[0-9a-f]{1,4}", re.IGNORECASE)
 
@@ -85,7 +86,7 @@ def parse_address(cell: str, style: AddressStyle) -> FoundAddress:
             remedy = "give the register's number: memory is counted differently from PLC to PLC"
         if _BARE_HEX.fullmatch(text):
             remedy = "for hexadecimal addresses give --addresses hex"
-        raise ValueError(f"{cell!r} is not an address; {remedy}")
+        raise ValueError(f"{quoted(cell)} is not an address; {remedy}")
     digits = found[1]
     bit = None if found[2] is None else _bit(found[2], cell)
     if style == "modicon":

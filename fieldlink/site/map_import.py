@@ -33,7 +33,7 @@ _NUMBERS = [item.value for item in DataType if item.is_number]
 _ROWS_OF_PLACES = 3
 """Rows from which numbers that only grow are places: two offsets may well be in order."""
 _PLACE = re.compile(r"\d+(?:[.,]\d)?")
-_LONG_TEXT = re.compile(r"(?:string|char|ascii|text)\s*[\[(]?(\d+)[\])]?", re.IGNORECASE)
+_LONG_TEXT = re.compile(r"(?:string|char|ascii|text)\s*[\[(]?(\d{1,9})[\])]?", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)

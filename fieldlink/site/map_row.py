@@ -11,6 +11,7 @@ from fieldlink.registers import ORDERS, DataType, Order, Table, Tag
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.map_words import meaning_of
 from fieldlink.site.number_cells import may_group
+from fieldlink.whole_numbers import whole_number
 
 __all__ = ["COLUMNS", "NUMBER_COLUMNS", "REQUIRED", "RowReader"]
 
@@ -301,13 +302,13 @@ class RowReader:
 
     def _whole(self, column: str, low: int, high: int, remedy: str) -> int | None:
         cell = self._cell(column)
-        digits = cell.isascii() and cell.isdigit() and len(cell) <= len(str(high))
-        if not (digits and low <= int(cell) <= high):
+        number = whole_number(cell, high)
+        if number is None or number < low:
             self.report(
                 column, f"{quoted(cell)} is not a whole number from {low} to {high}", remedy
             )
             return None
-        return int(cell)
+        return number
 
     def _address(self) -> int | None:
         cell = self._cell("address")

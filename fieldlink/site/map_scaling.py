@@ -12,8 +12,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
+from fieldlink.printable import quoted
 from fieldlink.registers import DataType
 from fieldlink.site.number_cells import may_group
+from fieldlink.whole_numbers import whole_number
 
 __all__ = ["LIST_COLUMNS", "limits", "scale_cell"]
 
@@ -58,11 +60,12 @@ def scale_cell(values: Mapping[str, str]) -> str:
     decimals = values.get("decimals", "")
     if factor or not decimals or _is_fractional(values.get("type", "")):
         return factor
-    if not (decimals.isascii() and decimals.isdigit() and int(decimals) <= _MOST_DECIMALS):
+    places = whole_number(decimals, _MOST_DECIMALS)
+    if places is None:
         raise ValueError(
-            f"decimals; {decimals!r} does not count decimals; give 0 to {_MOST_DECIMALS}"
+            f"decimals; {quoted(decimals)} does not count decimals; give 0 to {_MOST_DECIMALS}"
         )
-    return repr(10.0 ** -int(decimals))
+    return repr(10.0**-places)
 
 
 def limits(cell: str) -> tuple[str, str] | None:

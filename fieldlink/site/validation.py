@@ -62,19 +62,24 @@ def _problem(source: TomlSource, root: type[BaseModel], detail: ErrorDetails) ->
         message, _, remedy = detail["msg"].removeprefix("Value error, ").partition("; ")
         return source.problem(key, message, remedy)
     if kind == "literal_error" and field is not None:
-        unknown = f"{quoted(value)} is unknown"
+        unknown = f"{_as_toml(value)} is unknown"
         return source.problem(key, unknown, nearest(str(value), _choices(field)))
     if kind in ("union_tag_invalid", "union_tag_not_found") and field is not None:
         return _wrong_kind(source, key, field, detail)
-    shown = quoted(value)
-    if isinstance(value, dict | list):
-        shown = "a table" if isinstance(value, dict) else "an array"
+    shown = _as_toml(value)
     if kind in ("tuple_type", "list_type"):
         remedy = _how_as_array(key, None if field is None else field.annotation, value)
         return source.problem(key, f"{shown} is no array", f"{remedy}{_meaning(field)}")
     message = f"{shown}: {detail['msg'].replace('Input should', 'should')}"
     message = message.replace("be an object", "be a table")
     return source.problem(key, message, f"correct it{_meaning(field)}")
+
+
+def _as_toml(value: object) -> str:
+    """Return a value as a message shows it, in the words of the file."""
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "an array"
+    return str(value).lower() if isinstance(value, bool) else quoted(value)
 
 
 def _wrong_kind(

@@ -110,7 +110,7 @@ def open_for_reading(url: str) -> Engine:
     """
     address = _address(url)
     file = file_of(url)
-    if file is not None and (why := why_no_file(file)):
+    if file is not None and (why := why_no_file(file) or _why_empty(file)):
         raise StoreError(
             f"there is no historian at {file} ({why}); run the daemon first, or check data_dir"
         )
@@ -123,6 +123,14 @@ def open_for_reading(url: str) -> Engine:
                 database=file.absolute().as_uri(), query={"immutable": "1", "uri": "true"}
             )
     return _engine(address, busy_timeout=5.0)
+
+
+def _why_empty(file: Path) -> str:
+    """An empty file is no historian: SQLite would take it for a database without tables."""
+    try:
+        return "" if file.stat().st_size else "the file is empty"
+    except OSError as error:
+        return error.strerror or str(error)
 
 
 def file_of(url: str) -> Path | None:

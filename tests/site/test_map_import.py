@@ -297,3 +297,23 @@ def test_the_places_of_a_data_block_are_not_added_to_values(tmp_path: Path) -> N
     assert said.tags["PV"].offset == 4.0
     path.write_text("Name;Type;Offset;Address\nOP;INT;0;1\nPV;INT;-40;2\nT;INT;-40;3\n")
     assert import_map(path).tags["PV"].offset == -40.0
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("1,string[{n}],", "is unknown; use one of"),
+        ("1,uint16,{n}", "does not count decimals; give 0 to"),
+        ("{n},uint16,", "is not an address; give a number"),
+        ("%MW{n},uint16,", "is not an address; give the register"),
+        ("0x{n},uint16,", "is not an address; give a number"),
+    ],
+)
+def test_numbers_of_thousands_of_digits_cost_their_row(tmp_path: Path, row: str, said: str) -> None:
+    """Python itself refuses to read them, in its own words."""
+    text = row.format(n="9" * 5000)
+    found = import_map(write(tmp_path, f"tag,address,type,decimals\nA,{text}\nB,3,uint16,\n"))
+    (problem,) = map(str, found.problems)
+    assert said in problem
+    assert len(problem) < 300
+    assert list(found.tags) == ["B"]

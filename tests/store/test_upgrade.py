@@ -23,6 +23,7 @@ from fieldlink.store import (
     read_samples,
     read_slots,
     read_writebacks,
+    record_work,
 )
 from fieldlink.store.errors import StoreMismatchError
 from fieldlink.store.schema import METADATA, SCHEMA_VERSION
@@ -148,3 +149,11 @@ def test_what_an_earlier_release_did_not_store_is_not_there_yet(tmp_path: Path) 
         earlier.execute("UPDATE meta SET value = '3' WHERE key = 'schema'")
     with pytest.raises(StoreError, match="if an earlier release wrote it, start the daemon"):
         export(f"sqlite:///{file}", tmp_path / "out.csv", table="diagnoses")
+
+
+def test_an_empty_file_is_no_historian(tmp_path: Path) -> None:
+    file = tmp_path / "history.sqlite"
+    file.touch()
+    with pytest.raises(StoreError, match="the file is empty"):
+        record_work(f"sqlite:///{file}", "FC101", "planned")
+    assert file.stat().st_size == 0
