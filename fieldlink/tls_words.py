@@ -5,14 +5,16 @@ tls_words(error)  # "the key does not belong to the certificate"
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import ssl
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from fieldlink.file_at import why_no_file
 
-__all__ = ["distrust_remedy", "tls_remedy", "tls_words"]
+__all__ = ["client_context", "distrust_remedy", "no_password", "tls_remedy", "tls_words"]
 
 _SAID = {
     "KEY_VALUES_MISMATCH": "the key does not belong to the certificate",
@@ -27,12 +29,39 @@ _OF_VERSIONS = ("TLSV1_ALERT_PROTOCOL_VERSION", "UNSUPPORTED_PROTOCOL", "WRONG_S
 _NO_TLS = ("WRONG_VERSION_NUMBER", "HTTP_REQUEST", "RECORD_LAYER_FAILURE")
 
 
+def client_context(files: Sequence[Path]) -> ssl.SSLContext:
+    """Return a client's side of TLS 1.2 or newer.
+
+    Args:
+        files: that of the authorities, and, where we have one, our certificate and its key.
+
+    Raises:
+        OSError, ValueError: a file cannot be read or does not fit; `tls_words` says why.
+    """
+    ca, *ours = files
+    context = ssl.create_default_context(cafile=ca)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    if ours:
+        cert, key = ours
+        context.load_cert_chain(cert, key, no_password)
+    return context
+
+
+def no_password() -> str:
+    """Refuse to give a key's password; OpenSSL would ask for it on the terminal.
+
+    Raises:
+        ValueError: always.
+    """
+    raise ValueError("the key has a password")
+
+
 def tls_words(error: Exception, files: Iterable[Path] = ()) -> str:
     """Return what is wrong.
 
     Args:
         error: as the ssl module raised it.
-        files: that were to be read: one that is not there is named.
+        files: that were to be read: one that cannot be is named.
     """
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"its certificate is refused: {error.verify_message.rstrip('.')}"
@@ -42,9 +71,13 @@ def tls_words(error: Exception, files: Iterable[Path] = ()) -> str:
         if alert := _ALERT.search(str(error)):
             return f"it ends TLS: {alert[1]}"
         return _SAID.get(error.reason or "", _SOURCE.sub("", _SOURCE.sub("", str(error))))
-    missing = ((file, why_no_file(file)) for file in files)
+    missing = ((file, why_no_file(file) or _why_unreadable(file)) for file in files)
     named = next((f"{file}: {why}" for file, why in missing if why), None)
     return named or getattr(error, "strerror", None) or str(error)
+
+
+def _why_unreadable(file: Path) -> str:
+    return "" if os.access(file, os.R_OK) else os.strerror(errno.EACCES)
 
 
 def tls_remedy(error: BaseException | None, ca: str, cert: str = "", host: str = "the host") -> str:

@@ -58,9 +58,6 @@ class ModbusLink:
         settings: the device.
         plan: its read plan.
         clock: stamps the readings and times the pauses.
-
-    Raises:
-        TlsFilesError: the device's certificates cannot be read.
     """
 
     def __init__(self, settings: ModbusSettings, plan: Sequence[ReadRequest], clock: Clock) -> None:

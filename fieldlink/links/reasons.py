@@ -1,4 +1,4 @@
-"""Why a connection or a serial port cannot be had, in words of people."""
+"""Why a connection cannot be made or a serial port not be opened, in words of people."""
 
 from __future__ import annotations
 

@@ -9,14 +9,14 @@ from pathlib import Path
 
 from pymodbus.transport import CommParams, CommType
 
-from fieldlink.links.errors import LinkError
+from fieldlink.links.errors import LinkUnreachableError
 from fieldlink.links.frames import Framing, MbapFraming, RtuFraming
 from fieldlink.links.line import LineSettings
 from fieldlink.links.wire import Wire
 from fieldlink.site import Device, Tls
 from fieldlink.site.check_warnings import BITS_PER_BYTE
 from fieldlink.site.host import one_name
-from fieldlink.tls_words import tls_words
+from fieldlink.tls_words import client_context, tls_words
 
 __all__ = ["TlsFilesError", "client_tls", "line_settings"]
 
@@ -31,10 +31,8 @@ _NETWORK = {
 }
 
 
-class TlsFilesError(LinkError):
-    """The certificates of a device cannot be used."""
-
-    may_pass = False
+class TlsFilesError(LinkUnreachableError):
+    """The certificates of a device cannot be used now."""
 
 
 def line_settings(
@@ -52,10 +50,8 @@ def line_settings(
         resolve: turns a path of the site file into one that can be opened.
         timeout: seconds for opening, instead of the device's.
 
-    Certificates are read now, and again for every connection: they are renewed at run time.
-
-    Raises:
-        TlsFilesError: a certificate cannot be read; making a wire raises it too.
+    Certificates are read for every connection, because they are renewed at run time: to make a wire
+    raises `TlsFilesError` when they cannot be.
     """
     seconds = device.timeout if timeout is None else timeout
     quirks = device.quirks
@@ -89,8 +85,6 @@ def line_settings(
         secured = replace(params, sslctx=client_tls(device.tls, name, resolve))
         return Wire(secured, framing, device.tls.server_name)
 
-    if device.tls is not None:
-        client_tls(device.tls, name, resolve)
     return LineSettings(
         make_wire=make_wire,
         numbered=framing.numbered,
@@ -110,24 +104,17 @@ def client_tls(tls: Tls, name: str, resolve: Callable[[str | Path], Path] = Path
     Raises:
         TlsFilesError: a file cannot be read or does not fit.
     """
+    given = [path for path in (tls.ca, tls.cert, tls.key) if path is not None]
+    files = [resolve(path) for path in given]
     try:
-        context = ssl.create_default_context(cafile=resolve(tls.ca))
-        if tls.cert is not None and tls.key is not None:
-            context.load_cert_chain(resolve(tls.cert), resolve(tls.key), password=_no_password)
+        return client_context(files)
     except (OSError, ValueError) as error:
-        given = [path for path in (tls.ca, tls.cert, tls.key) if path is not None]
-        files = ", ".join(map(str, given))
+        named = ", ".join(map(str, given))
         raise TlsFilesError(
             name,
-            f"the certificates ({files}) cannot be used: {tls_words(error, map(resolve, given))}",
+            f"the certificates ({named}) cannot be used: {tls_words(error, files)}",
             "give PEM files that belong together, and a key without a password",
         ) from error
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    return context
-
-
-def _no_password() -> str:
-    raise ValueError("the key is protected by a password")
 
 
 def _medium(device: Device) -> tuple[object, ...] | None:

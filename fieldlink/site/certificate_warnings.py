@@ -8,6 +8,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from fieldlink.site.checked_site import Site
+from fieldlink.site.device import Tls
+from fieldlink.site.mqtt import MqttTls
+from fieldlink.tls_words import client_context, tls_words
 
 __all__ = ["find_certificate_warnings"]
 
@@ -23,9 +26,30 @@ def find_certificate_warnings(site: Site) -> Iterator[str]:
     """
     if find_spec("cryptography") is None:
         return
+    yield from _unusable(site)
     for what, file, remedy in _certificates(site):
         if file is not None and (fault := _fault_of(site.resolve(file))):
             yield f"{what} {file} {fault}; {remedy}"
+
+
+def _unusable(site: Site) -> Iterator[str]:
+    """Yield a sentence for each set of files with which no TLS connection can be made."""
+    tables: dict[str, Tls | MqttTls | None] = {
+        f"device {name}: tls": device.tls for name, device in site.devices.items()
+    }
+    if site.file.mqtt is not None:
+        tables["mqtt.tls"] = site.file.mqtt.tls
+    for what, tls in tables.items():
+        if tls is None:
+            continue
+        files = [site.resolve(path) for path in (tls.ca, tls.cert, tls.key) if path is not None]
+        try:
+            client_context(files)
+        except (OSError, ValueError) as error:
+            yield (
+                f"{what}: {tls_words(error, files)}; give PEM files that belong together, and a "
+                "key without a password"
+            )
 
 
 def _certificates(site: Site) -> Iterator[tuple[str, Path | None, str]]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from fieldlink.secret import Secret, SecretError
 from fieldlink.site import Site
-from fieldlink.tls_words import tls_words
+from fieldlink.tls_words import client_context, tls_words
 from fieldlink.upward.errors import UpwardError
 
 __all__ = ["BrokerSettings"]
@@ -56,15 +56,11 @@ class BrokerSettings:
                 raise UpwardError(f"{site.path}: mqtt.password_file: {error}") from error
         tls = None
         if mqtt.tls is not None:
+            given = (mqtt.tls.ca, mqtt.tls.cert, mqtt.tls.key)
+            files = [site.resolve(path) for path in given if path is not None]
             try:
-                tls = ssl.create_default_context(cafile=str(site.resolve(mqtt.tls.ca)))
-                if mqtt.tls.cert is not None and mqtt.tls.key is not None:
-                    tls.load_cert_chain(
-                        site.resolve(mqtt.tls.cert), site.resolve(mqtt.tls.key), _no_password
-                    )
-            except (OSError, ssl.SSLError, ValueError) as error:
-                given = (mqtt.tls.ca, mqtt.tls.cert, mqtt.tls.key)
-                files = [site.resolve(path) for path in given if path is not None]
+                tls = client_context(files)
+            except (OSError, ValueError) as error:
                 raise UpwardError(
                     f"{site.path}: mqtt.tls: a certificate or key cannot be used "
                     f"({tls_words(error, files)}); give PEM files, the key "
@@ -74,7 +70,3 @@ class BrokerSettings:
         return cls(
             mqtt.host, mqtt.port, f"{name}-{suffix}", mqtt.keepalive, mqtt.username, password, tls
         )
-
-
-def _no_password() -> str:
-    raise ValueError("the key has a password")

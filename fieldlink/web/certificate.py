@@ -10,7 +10,7 @@ from pathlib import Path
 import structlog
 import uvicorn
 
-from fieldlink.tls_words import tls_words
+from fieldlink.tls_words import no_password, tls_words
 
 __all__ = ["fault_of", "follow_certificate"]
 
@@ -57,14 +57,10 @@ async def follow_certificate(config: uvicorn.Config) -> None:
 def _load(context: ssl.SSLContext, files: Sequence[Path]) -> str:
     """Load certificate and key; return what is wrong with them, empty where nothing is."""
     try:
-        context.load_cert_chain(files[0], files[1], _no_password)
+        context.load_cert_chain(files[0], files[1], no_password)
     except (OSError, ValueError) as error:
         return tls_words(error, files)
     return ""
-
-
-def _no_password() -> str:
-    raise ValueError("the key has a password")
 
 
 def _stamps_of(files: Sequence[Path]) -> list[tuple[int, int, int] | None]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 import shutil
 import socket
 import ssl
@@ -17,7 +19,8 @@ from fieldlink.links import LinkState, SystemClock
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, Table, Tag, plan_reads
-from fieldlink.site import Device, Quirks, Tls
+from fieldlink.site import Device, Quirks, Tls, check, load_site
+from fieldlink.tls_words import tls_words
 from tests.links.fake_device import FakeDevice
 from tests.links.patience import PATIENCE
 from tests.links.test_few_connections import Gateway
@@ -174,3 +177,28 @@ async def test_units_at_one_address_take_turns_over_tls_too(certificates: Files)
     for link in links:
         await link.close()
     await gateway.stop()
+
+
+def test_check_warns_of_files_that_do_not_belong_together(certificates: Files) -> None:
+    folder = certificates("site.toml").parent
+    (folder / "map.csv").write_text("tag,address,type\nOP,0,uint16\nPV,1,uint16\n")
+    (folder / "site.toml").write_text(
+        '[site]\nname = "case"\n[devices.plc]\nlink = "modbus-tls"\nhost = "192.0.2.1"\n'
+        'register_map = "map.csv"\n'
+        'tls = { ca = "ca.pem", cert = "client.pem", key = "plc.key" }\n'
+        '[loops.A]\ndevice = "plc"\nop = "OP"\npv = "PV"\nperiod = 1.0\n'
+    )
+    warnings = check(load_site(folder / "site.toml")).warnings
+    assert any(
+        "device plc: tls: the key does not belong to the certificate" in one for one in warnings
+    )
+
+
+def test_a_file_that_is_closed_to_us_is_named(
+    certificates: Files, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenSSL says no more than that some file is closed."""
+    files = [certificates(name) for name in ("ca.pem", "client.pem", "client.key")]
+    monkeypatch.setattr(os, "access", lambda file, _: file != files[2])
+    said = tls_words(PermissionError(errno.EACCES, "Permission denied"), files)
+    assert said == f"{files[2]}: Permission denied"

@@ -18,7 +18,6 @@ from fieldlink.lab.plc.modbus_device import modbus_device
 from fieldlink.links import LinkState, LinkUnreachableError, SystemClock, open_link
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
-from fieldlink.links.transports import TlsFilesError
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device, Tls, load_site
 from tests.links.patience import PATIENCE, SHORT
@@ -180,12 +179,18 @@ async def test_a_plc_of_another_authority_is_refused(certificates: Callable[[str
     assert ".;" not in str(failure)
 
 
-def test_unusable_certificates_are_named(certificates: Callable[[str], Path]) -> None:
+async def test_unusable_certificates_are_named(certificates: Callable[[str], Path]) -> None:
     tls = Tls(
         ca=certificates("ca.pem"), cert=certificates("client.pem"), key=certificates("plc.key")
     )
-    with pytest.raises(TlsFilesError, match=r"client\.pem.*belong together"):
-        link_to(tls_device(802, tls))
+    link = link_to(tls_device(802, tls))
+    (failure,) = {str(failure) for failure in (await link.scan()).failures}
+    await link.close()
+    assert link.state is LinkState.DEMOTED
+    assert "client.pem" in failure
+    assert "the key does not belong to the certificate; give PEM files that belong together" in (
+        failure
+    )
 
 
 def on_line(port: str, unit: int = 1, timeout: float = PATIENCE) -> Device:
