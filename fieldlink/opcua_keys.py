@@ -11,7 +11,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey, RSAPublicKey
 
-__all__ = ["KeyFileError", "load_certificate", "read_certificate", "read_key"]
+__all__ = ["KeyFileError", "find_fault_of_uri", "load_certificate", "read_certificate", "read_key"]
 
 
 class KeyFileError(Exception):
@@ -57,6 +57,18 @@ def read_certificate(file: str | Path) -> x509.Certificate:
             f"{file} is not a certificate of an RSA key", "make one with an RSA key of 2048 bits"
         )
     return certificate
+
+
+def find_fault_of_uri(certificate: x509.Certificate, uri: str) -> str:
+    """Return how a certificate differs from an application URI, which it has to name; or empty."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+        uris = names.value.get_values_for_type(x509.UniformResourceIdentifier)
+    except x509.ExtensionNotFound:
+        uris = []
+    if uri in uris:
+        return ""
+    return f"names {uris[0]}" if uris else "names no application URI"
 
 
 def read_key(file: str | Path, certificate: x509.Certificate) -> RSAPrivateKey:

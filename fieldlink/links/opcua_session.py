@@ -135,7 +135,8 @@ class OpcuaSession:
         except TimeoutError as error:
             raise self._unreachable(f"no answer within {limit:g} s") from error
         except UaError as error:
-            raise self._unreachable(status_of(error)) from error
+            status = status_of(error)
+            raise self._unreachable(status, status) from error
         except KeyFileError as error:
             raise LinkUnreachableError(self._name, error.what, error.remedy) from error
         except OSError as error:

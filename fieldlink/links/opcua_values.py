@@ -25,9 +25,18 @@ __all__ = [
 ]
 
 _HELP = {
+    "BadCertificateTimeInvalid": "renew our certificate (opcua.cert), or check the clocks of both "
+    "machines",
+    "BadCertificateUriInvalid": "make application_uri the URI that our certificate "
+    "(opcua.cert) names",
+    "BadCertificateUntrusted": "let the server trust our certificate (opcua.cert)",
+    "BadSecurityChecksFailed": "let the server trust our certificate (opcua.cert); see its log",
+    "BadSecurityPolicyRejected": "choose a security policy that the server offers",
+    "BadIdentityTokenRejected": "check username and password_file",
+    "BadIdentityTokenInvalid": "check username and password_file",
     "BadNodeIdUnknown": "check the node id, and that the server has loaded its project",
     "BadNodeIdInvalid": "check the node id",
-    "BadUserAccessDenied": "give the user the right to it",
+    "BadUserAccessDenied": "check username and password_file, or give the user the right to it",
     "BadNotReadable": "give the user the right to read it",
     "BadNotWritable": "give the user the right to write it",
     "BadWriteNotSupported": "this server cannot write a part of an array",

@@ -25,7 +25,7 @@ from asyncua.crypto import uacrypto
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 
-from fieldlink.opcua_keys import KeyFileError, read_certificate, read_key
+from fieldlink.opcua_keys import KeyFileError, find_fault_of_uri, read_certificate, read_key
 from fieldlink.opcua_server.access import BoundedServer, Doorkeeper, ReadOnlyRules
 from fieldlink.opcua_server.nodes import Nodes
 
@@ -163,13 +163,7 @@ def read_keys(cert: str, key: str, uri: str) -> tuple[x509.Certificate, RSAPriva
         KeyFileError: they cannot be used together.
     """
     certificate = read_certificate(cert)
-    try:
-        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
-        uris = names.value.get_values_for_type(x509.UniformResourceIdentifier)
-    except x509.ExtensionNotFound:
-        uris = []
-    if uri not in uris:
-        found = f"names {uris[0]}" if uris else "names no application URI"
+    if found := find_fault_of_uri(certificate, uri):
         raise KeyFileError(f"{cert} {found} and the server is {uri}", "make them agree")
     return certificate, read_key(key, certificate)
 

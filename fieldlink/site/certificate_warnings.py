@@ -27,6 +27,7 @@ def find_certificate_warnings(site: Site) -> Iterator[str]:
     if find_spec("cryptography") is None:
         return
     yield from _unusable(site)
+    yield from _other_uris(site)
     for what, file, remedy in _certificates(site):
         if file is not None and (fault := _fault_of(site.resolve(file))):
             yield f"{what} {file} {fault}; {remedy}"
@@ -49,6 +50,25 @@ def _unusable(site: Site) -> Iterator[str]:
             yield (
                 f"{what}: {tls_words(error, files)}; give PEM files that belong together, and a "
                 "key without a password"
+            )
+
+
+def _other_uris(site: Site) -> Iterator[str]:
+    """Yield a sentence for each certificate of ours that names another URI than the site file."""
+    from fieldlink.opcua_keys import KeyFileError, find_fault_of_uri, read_certificate
+
+    for name, device in site.devices.items():
+        settings = device.opcua
+        if settings.cert is None:
+            continue
+        try:
+            certificate = read_certificate(site.resolve(settings.cert))
+        except KeyFileError:
+            continue  # told with its date
+        if fault := find_fault_of_uri(certificate, settings.application_uri):
+            yield (
+                f"device {name}: cert {settings.cert} {fault}, and application_uri is "
+                f"{settings.application_uri}: the server may refuse it; make them agree"
             )
 
 

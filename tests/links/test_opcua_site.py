@@ -163,3 +163,44 @@ async def test_files_of_ours_are_not_an_answer_of_the_server(
     await link.close()
     assert said in failure
     assert "answer" not in failure
+
+
+def test_check_warns_of_a_certificate_for_another_application(
+    make_opcua_site: Callable[..., Site], tmp_path: Path
+) -> None:
+    for name in ("our", "server"):
+        write_certificate(tmp_path, "urn:another:client", name=name)
+    opcua = (
+        'security = "Basic256Sha256"\ncert = "our.pem"\nkey = "our.key.pem"\n'
+        'server_cert = "server.pem"'
+    )
+    warned = [one for one in check(make_opcua_site(4840, opcua=opcua)).warnings if "_uri" in one]
+    assert warned == [
+        "device plc: cert our.pem names urn:another:client, and application_uri is "
+        "urn:fieldlink:client: the server may refuse it; make them agree"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("status", "remedy"),
+    [
+        ("BadCertificateTimeInvalid", "renew our certificate"),
+        ("BadCertificateUriInvalid", "make application_uri the URI that our certificate"),
+        ("BadCertificateUntrusted", "let the server trust our certificate"),
+        ("BadSecurityChecksFailed", "let the server trust our certificate"),
+    ],
+)
+async def test_a_server_that_refuses_our_certificate_is_told_with_the_remedy(
+    make_opcua_site: Callable[..., Site],
+    monkeypatch: pytest.MonkeyPatch,
+    status: str,
+    remedy: str,
+) -> None:
+    async def refuse(_: object) -> None:
+        raise ua.uaerrors.UaStatusCodeError(getattr(ua.StatusCodes, status))
+
+    monkeypatch.setattr("fieldlink.links.opcua_session.Client.connect", refuse)
+    link = open_link(make_opcua_site(4840), "plc")
+    said = str((await link.scan()).failures[0])
+    await link.close()
+    assert f"{status}; {remedy}" in said
