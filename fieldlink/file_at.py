@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-__all__ = ["is_pipe_or_device", "why_closed", "why_no_file", "why_not_writable"]
+__all__ = ["is_pipe_or_device", "stamp_of_file", "why_closed", "why_no_file", "why_not_writable"]
 
 
 def why_no_file(path: str | Path) -> str | None:
@@ -27,6 +27,16 @@ def why_no_file(path: str | Path) -> str | None:
 def is_pipe_or_device(path: str | Path) -> bool:
     """Whether a path leads to neither a file nor a folder: opening a pipe waits for a writer."""
     return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))
+
+
+def stamp_of_file(path: Path) -> tuple[int, int, int] | None:
+    """Return what changes when a file is written or replaced; None where there is none to see."""
+    try:
+        found = path.stat()
+    except OSError:
+        # Who replaces a file may take it away for a moment before.
+        return None
+    return (found.st_mtime_ns, found.st_size, found.st_ino)
 
 
 def why_not_writable(folder: Path) -> str | None:

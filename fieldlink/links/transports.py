@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pymodbus.transport import CommParams, CommType
 
+from fieldlink.file_at import stamp_of_file
 from fieldlink.links.errors import LinkUnreachableError
 from fieldlink.links.frames import Framing, MbapFraming, RtuFraming
 from fieldlink.links.line import LineSettings
@@ -50,8 +51,8 @@ def line_settings(
         resolve: turns a path of the site file into one that can be opened.
         timeout: seconds for opening, instead of the device's.
 
-    Certificates are read for every connection, because they are renewed at run time: to make a wire
-    raises `TlsFilesError` when they cannot be.
+    Certificates are read for the first connection, and again when a file has changed: to make a
+    wire raises `TlsFilesError` when they cannot be used.
     """
     seconds = device.timeout if timeout is None else timeout
     quirks = device.quirks
@@ -79,11 +80,12 @@ def line_settings(
             timeout_connect=seconds,
         )
 
+    tls = None if device.tls is None else _RenewedTls(device.tls, name, resolve)
+
     def make_wire() -> Wire:
-        if device.tls is None:
+        if tls is None:
             return Wire(params, framing)
-        secured = replace(params, sslctx=client_tls(device.tls, name, resolve))
-        return Wire(secured, framing, device.tls.server_name)
+        return Wire(replace(params, sslctx=tls.context()), framing, tls.tls.server_name)
 
     return LineSettings(
         make_wire=make_wire,
@@ -115,6 +117,28 @@ def client_tls(tls: Tls, name: str, resolve: Callable[[str | Path], Path] = Path
             f"the certificates ({named}) cannot be used: {tls_words(error, files)}",
             "give PEM files that belong together, and a key without a password",
         ) from error
+
+
+class _RenewedTls:
+    """A client's side of TLS, made again for the next connection when a file was replaced.
+
+    Not for every one: to read a bundle of all the world's authorities takes 30 ms.
+    """
+
+    def __init__(self, tls: Tls, name: str, resolve: Callable[[str | Path], Path]) -> None:
+        self.tls, self._name, self._resolve = tls, name, resolve
+        self._made: tuple[list[object], ssl.SSLContext] | None = None
+
+    def context(self) -> ssl.SSLContext:
+        """Return it; errors as `client_tls`."""
+        given = (self.tls.ca, self.tls.cert, self.tls.key)
+        stamps: list[object] = [
+            stamp_of_file(self._resolve(path)) for path in given if path is not None
+        ]
+        if self._made is None or self._made[0] != stamps:
+            self._made = None
+            self._made = stamps, client_tls(self.tls, self._name, self._resolve)
+        return self._made[1]
 
 
 def _medium(device: Device) -> tuple[object, ...] | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import structlog
 import uvicorn
 
+from fieldlink.file_at import stamp_of_file
 from fieldlink.tls_words import no_password, tls_words
 
 __all__ = ["fault_of", "follow_certificate"]
@@ -35,10 +36,10 @@ async def follow_certificate(config: uvicorn.Config) -> None:
     if context is None:
         return
     files = [Path(str(config.ssl_certfile)), Path(str(config.ssl_keyfile))]
-    known = await asyncio.to_thread(_stamps_of, files)
+    known = await asyncio.to_thread(lambda: [*map(stamp_of_file, files)])
     while True:
         await asyncio.sleep(LOOK_EVERY)
-        found = await asyncio.to_thread(_stamps_of, files)
+        found = await asyncio.to_thread(lambda: [*map(stamp_of_file, files)])
         if found == known:
             continue
         known = found
@@ -61,16 +62,3 @@ def _load(context: ssl.SSLContext, files: Sequence[Path]) -> str:
     except (OSError, ValueError) as error:
         return tls_words(error, files)
     return ""
-
-
-def _stamps_of(files: Sequence[Path]) -> list[tuple[int, int, int] | None]:
-    """Return what changes when a file is written or replaced; None where it cannot be seen."""
-    found: list[tuple[int, int, int] | None] = []
-    for file in files:
-        try:
-            status = file.stat()
-        except OSError:
-            found.append(None)
-        else:
-            found.append((status.st_mtime_ns, status.st_size, status.st_ino))
-    return found

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fieldlink.daemon.loop_spec import LoopSpec
+from fieldlink.file_at import stamp_of_file
 from fieldlink.site import Site
 
 __all__ = ["FileWatch", "SiteChange", "same_samples"]
@@ -119,7 +120,7 @@ class FileWatch:
         self._seen = self._known
 
     def _look(self) -> dict[Path, tuple[int, ...] | None]:
-        return {path: _stamp(path) for path in self._paths}
+        return {path: stamp_of_file(path) for path in self._paths}
 
 
 def same_samples(old: Site, new: Site, loop: str) -> bool:
@@ -155,12 +156,3 @@ def _files(site: Site) -> tuple[Path, ...]:
         if device.register_map is not None
     )
     return (site.path, *maps)
-
-
-def _stamp(path: Path) -> tuple[int, ...] | None:
-    try:
-        found = path.stat()
-    except OSError:
-        # An editor may take the file away for a moment before it puts the new one there.
-        return None
-    return (found.st_mtime_ns, found.st_size, found.st_ino)
