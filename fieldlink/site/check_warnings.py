@@ -11,6 +11,7 @@ from fieldlink.site.certificate_warnings import find_certificate_warnings
 from fieldlink.site.checked_site import Site
 from fieldlink.site.copied_loops import find_copies
 from fieldlink.site.folded_warnings import Warned, fold, shown
+from fieldlink.site.missing_packages import find_missing_packages
 from fieldlink.site.missing_rows import contradicts_clock
 from fieldlink.site.models import Loop
 from fieldlink.site.reach_warnings import find_reach_warnings
@@ -48,6 +49,7 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
             f"data_dir {site.data_dir} cannot be written ({why}): run would not start; name a "
             "folder that this user may write, or check as the user that runs the daemon"
         )
+    yield from find_missing_packages(site)
     yield from find_certificate_warnings(site)
     yield from _mode_warnings(site)
     yield from fold(

@@ -112,6 +112,7 @@ def test_a_package_that_is_missing_ends_the_service_for_good(
 ) -> None:
     demo_site.write_text(f"{demo_site.read_text()}\n{table}")
     monkeypatch.setitem(sys.modules, package, None)
+    assert f"needs {package}, which is not installed here" in fieldlink("check", demo_site).stdout
     result = fieldlink("run", demo_site, "--duration", "5")
     assert f"needs {package}; pip install 'fieldlink[{extra}]'" in result.stderr
     assert result.returncode == 2
