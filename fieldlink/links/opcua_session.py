@@ -13,13 +13,11 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from asyncua import Client, ua
-from asyncua.crypto import security_policies
-from asyncua.crypto.uacrypto import CertProperties, der_from_x509, pem_from_key
 from asyncua.ua.uaerrors import UaError
 
 from fieldlink.links.errors import LinkError, LinkTimeoutError, LinkUnreachableError
 from fieldlink.links.names import find_addresses
-from fieldlink.links.opcua_certificates import find_stranger
+from fieldlink.links.opcua_certificates import find_stranger, secure
 from fieldlink.links.opcua_looks import Looks
 from fieldlink.links.opcua_reports import SHARE, Reports
 from fieldlink.links.opcua_subscription import begin_reports
@@ -35,7 +33,7 @@ from fieldlink.links.opcua_values import (
     uri_of,
 )
 from fieldlink.links.reasons import reason_of
-from fieldlink.opcua_keys import KeyFileError, read_certificate, read_key
+from fieldlink.opcua_keys import KeyFileError
 
 if TYPE_CHECKING:
     from fieldlink.links.clock import Clock
@@ -352,21 +350,7 @@ class OpcuaSession:
             self._client.set_password(file.read_text(encoding="utf-8").strip("\r\n"))
         if settings.security == "none":
             return
-        assert settings.cert is not None
-        assert settings.key is not None
-        assert settings.server_cert is not None
-        policy = getattr(security_policies, f"SecurityPolicy{settings.security.replace('_', '')}")
-        mode = ua.MessageSecurityMode
-        cert = read_certificate(self._site.resolve(settings.cert))
-        key = read_key(self._site.resolve(settings.key), cert)
-        server = read_certificate(self._site.resolve(settings.server_cert))
-        await self._client.set_security(
-            policy,
-            CertProperties(der_from_x509(cert), "der"),
-            CertProperties(pem_from_key(key), "pem"),
-            server_certificate=CertProperties(der_from_x509(server), "der"),
-            mode=mode.SignAndEncrypt if settings.encrypt else mode.Sign,
-        )
+        await secure(self._client, settings, self._site.resolve)
 
     def _tags(self) -> list[Any]:
         return list(self._site.maps.get(self._name, {}).values())
