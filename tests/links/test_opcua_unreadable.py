@@ -93,7 +93,7 @@ async def test_a_handshake_that_cannot_be_read_is_a_reason_of_the_device(
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def server() -> AsyncIterator[OpcuaServer]:
-    running = OpcuaServer(loops=1)
+    running = OpcuaServer(few_nodes=True, loops=1)
     await running.start()
     yield running
     await running.kill()
