@@ -158,14 +158,17 @@ def _load_kernels(console: Console) -> None:
     Raises:
         DemoError: they cannot be compiled.
     """
+    from fieldlink.cli.kernels import are_compiled
     from fieldlink.lab.demo.site_files import DemoError
 
-    console.print("loading the numeric kernels (compiled once on a machine, in minutes)")
+    if are_compiled():
+        return
+    console.print("compiling the numeric kernels (once on a machine, in minutes)")
     command = [sys.executable, "-c", "from fieldlink.cli.identify import warm_up; warm_up()"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no word"])[-1]
-        raise DemoError(f"the numeric kernels cannot be loaded: {last}; try: fieldlink warm-up")
+        raise DemoError(f"the numeric kernels cannot be compiled: {last}; try: fieldlink warm-up")
 
 
 class _View:

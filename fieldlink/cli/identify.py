@@ -156,11 +156,7 @@ def _print_summary(name: str, recording: Recording, result: Identification) -> N
 
 def warm_up() -> None:
     """Compile the numeric kernels now, so that no first deadline has to wait for them."""
-    import compensator
-    import estimator
-    import estimator.diagnosis
+    from fieldlink.cli.kernels import compile_kernels
 
-    estimator.warm_up()
-    estimator.diagnosis.warm_up()
-    compensator.warm_up()
+    compile_kernels()
     typer.echo("numeric kernels are compiled")

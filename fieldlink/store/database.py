@@ -38,6 +38,9 @@ FOLDER_MODE = 0o750
 FILE_MODE = 0o640
 """The owner writes, the group reads, nobody else does either; SQLite's companions follow."""
 
+READERS_PATIENCE = 5.0
+"""Seconds that a reader waits for another program's lock: longer than any commit of a daemon."""
+
 
 _OF_A_FILE = (
     "the folder's permissions, the free space and inodes (df -h, df -i), and that no other program "
@@ -122,7 +125,7 @@ def open_for_reading(url: str) -> Engine:
             address = address.set(
                 database=file.absolute().as_uri(), query={"immutable": "1", "uri": "true"}
             )
-    return _engine(address, busy_timeout=5.0)
+    return _engine(address, busy_timeout=READERS_PATIENCE)
 
 
 def _why_empty(file: Path) -> str:

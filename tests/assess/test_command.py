@@ -20,15 +20,19 @@ import pytest
 from estimator import identify
 from fieldlink.assess import AssessError
 from fieldlink.assess.run_file import RunFile
+from tests.assess.conftest import UNREHEARSED
 from tests.cli.typed import run_typed
 
 CONTRACT = (
     "file,loop,start,samples,period_s,verdict,score,stick_band,stick_band_low,"
     "stick_band_high,slip_jump,cause,action,seconds,error"
 )
-KILLED = """
+KILLED = f"""
 import os, signal, sys
+from fieldlink.assess.workers import watched
 from fieldlink.cli import main
+
+watched.PROCESS = {UNREHEARSED!r}
 
 def end(text):
     # The first line of progress comes after the first batch is stored.

@@ -8,7 +8,7 @@ from benchmarks import method_pictures
 from benchmarks.method_pictures import main
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_pictures_are_drawn(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(method_pictures, "_WEEKS", 5)
     monkeypatch.setattr(method_pictures, "_REPAIRED", 3)

@@ -12,7 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.codegen import JITCPUCodegen as Codegen
+from rich.console import Console
 
+import compensator
+import estimator.diagnosis
+from fieldlink.cli import demo, kernels
 from fieldlink.lab.demo import running
 from fieldlink.lab.demo.outcome import Phase
 from fieldlink.lab.demo.site_files import DemoError, simulated_scene
@@ -78,6 +83,30 @@ def test_a_folder_that_cannot_be_written_is_named(fieldlink: Run, tmp_path: Path
     assert result.returncode == 2
     assert f"{tmp_path / 'file'}" in result.stderr.replace("\n", "")
     assert "Traceback" not in result.stderr
+
+
+def test_kernels_that_were_compiled_before_are_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[list[str]] = []
+
+    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        begun.append(command)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    for core in (estimator, estimator.diagnosis, compensator):
+        monkeypatch.setattr(core, "warm_up", lambda: None)
+    monkeypatch.setattr(kernels, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(demo.subprocess, "run", run)
+    demo._load_kernels(Console())
+    assert len(begun) == 1
+    kernels.compile_kernels()
+    demo._load_kernels(Console())
+    assert len(begun) == 1
+    # those of another processor are others
+    monkeypatch.setattr(Codegen, "magic_tuple", lambda _: ("", "another", ""))
+    demo._load_kernels(Console())
+    assert len(begun) == 2
 
 
 def test_a_recording_without_movement_is_refused(fieldlink: Run, tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.seeds import in_suite
+
 ROOT = Path(__file__).parents[2]
 
 SLOW_SERVER = """
@@ -45,7 +47,7 @@ period = 1.0
 """
 
 
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+@pytest.mark.parametrize("name", in_suite(1, ["SIGTERM", "SIGINT"]))
 def test_a_daemon_does_not_wait_for_the_first_import(name: str, tmp_path: Path) -> None:
     (tmp_path / "sitecustomize.py").write_text(SLOW_SERVER)
     (tmp_path / "site.toml").write_text(SITE)

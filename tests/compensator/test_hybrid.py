@@ -88,7 +88,7 @@ def test_on_the_paper_s_loops_noise_alone_is_left_of_the_oscillation(
 FRICTIONS = [(0.8, 0.8), (1.2, 1.2), (0.8, 1.2), (1.0, 0.8), (1.0, 1.2), (1.2, 0.8)]
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", in_suite(1, EXAMPLES))
 @pytest.mark.parametrize(("static", "dynamic"), cases_in_suite(2, FRICTIONS))
 @pytest.mark.parametrize("seeds", few_and_all(2, range(4)))
 def test_with_wrong_frictions_it_is_no_worse_than_the_unaware(
@@ -111,7 +111,7 @@ def test_with_wrong_frictions_it_is_no_worse_than_the_unaware(
     assert np.mean(after) < np.mean(before)
 
 
-@pytest.mark.parametrize("gain", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("gain", in_suite(2, [0.9, 1.1, 1.0]))
 def test_a_low_order_process_model_is_good_enough(gain: float) -> None:
     rest = EXAMPLE_1.process.gain * 50.0
     study = Study([(0, rest), (10, rest + 3.0)], 900, equation_noise=0.01, seed=2)

@@ -66,7 +66,7 @@ def test_a_dead_time_six_samples_too_long_is_seen_through(seeds: Sequence[int]) 
     assert np.median(travels) < 40.0
 
 
-@pytest.mark.parametrize("seed", in_suite(2, range(1, 5)))
+@pytest.mark.parametrize("seed", in_suite(1, range(1, 5)))
 def test_a_level_taken_for_a_slow_lag_does_not_leave_its_range(seed: int) -> None:
     own = PiSettings(1.4, 40.0)
     _, error, _ = compensated(LEVEL, LoopModel(VALVE, LEVEL_AS_LAG), own, 1.0, 0.06, seed)

@@ -166,7 +166,7 @@ def test_an_op_that_another_moves_out_of_the_limits_is_not_followed() -> None:
 
 
 @pytest.mark.parametrize("seed", in_suite(1, range(4)))
-@pytest.mark.parametrize("name", ["lag", "two lags", "underdamped", "tank"])
+@pytest.mark.parametrize("name", in_suite(2, ["lag", "tank", "two lags", "underdamped"]))
 def test_a_load_of_three_stick_bands_costs_no_right_model(name: str, seed: int) -> None:
     loop = TunedLoop.of(name, "steady", "pi")
     supervisor, unit = Supervisor(loop.make_controller()), loop.band * loop.scale

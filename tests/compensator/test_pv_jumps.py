@@ -61,7 +61,7 @@ def test_after_a_gap_pv_may_have_gone_farther() -> None:
     assert screened([math.nan, far])[1] == far
 
 
-@pytest.mark.parametrize("name", in_suite(3, sorted(PROCESSES)))
+@pytest.mark.parametrize("name", in_suite(2, sorted(PROCESSES)))
 def test_no_right_model_is_given_up_for_a_wild_pv(name: str) -> None:
     loop = TunedLoop.of(name, "steady", "pi")
     for seed, size, scans in ((1, 1.0, 1), (2, -10.0, 3), (3, 1e30, 3)):
@@ -85,7 +85,7 @@ def test_no_right_model_is_given_up_for_a_wild_pv(name: str) -> None:
         assert not supervisor.memory.given_up
 
 
-@pytest.mark.parametrize("seed", in_suite(2, range(20)))
+@pytest.mark.parametrize("seed", in_suite(1, range(20)))
 def test_spikes_in_one_scan_of_a_hundred_cost_no_model(seed: int) -> None:
     loop, spikes = Loop(seed), np.random.default_rng(seed).random(1200) < 0.01
     loop.run(400)

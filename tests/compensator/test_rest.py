@@ -10,7 +10,7 @@ from tests.seeds import in_suite
 LOOP = LoopModel(ValveModel(8.0, 2.0), ProcessModel((-1.7, 0.72), (0.02, 0.02), 4, 0.0, 1.0))
 
 
-@pytest.mark.parametrize("seed", in_suite(2, range(4)))
+@pytest.mark.parametrize("seed", in_suite(1, range(4)))
 def test_noise_alone_never_moves_the_op_of_a_stem_that_rests(seed: int) -> None:
     compensator = HybridMpc(LOOP)
     noise = np.random.default_rng(seed).normal(0.15, 0.2, 1500)

@@ -7,6 +7,7 @@ import struct
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from fieldlink.daemon import Daemon, PoolSettings
+from fieldlink.daemon.estimation.fork_server import worker_context
 from fieldlink.daemon.estimation.pool import EstimatorPool, _nothing
 from fieldlink.site import Site, load_site
 from fieldlink.store import HistorianSettings
@@ -41,6 +43,22 @@ class UnrehearsedPool(EstimatorPool):
 
     def __init__(self, settings: PoolSettings) -> None:
         super().__init__(settings, prepare=_nothing)
+
+
+@cache
+def load_fork_server() -> None:
+    """Begin the fork server of this process, with kernels loaded once for the workers it forks.
+
+    A daemon that stops while its first worker waits for that ends the server: the next one would
+    begin again.
+    """
+    context = worker_context()
+    known = ["fieldlink.daemon.estimation.worker_imports", "tests.daemon.loaded_kernels"]
+    context.set_forkserver_preload(known)
+    process = context.Process(target=_nothing)  # type: ignore[attr-defined]
+    process.start()
+    process.join()
+    process.close()
 
 
 @contextmanager
@@ -131,6 +149,7 @@ def site_for(
 async def running(site: Site, **options: Any) -> AsyncIterator[Daemon]:
     daemon = Daemon(site, store=STORE, pool=POOL, **options)
     stop = asyncio.Event()
+    await asyncio.to_thread(load_fork_server)
     with unrehearsed_pools():
         task = asyncio.create_task(daemon.run(stop=stop))
         try:

@@ -89,7 +89,7 @@ class Bench:
 async def test_a_block_is_written_acknowledged_and_written_again_after_a_restart(
     tmp_path: Path, findings: Callable[..., Findings]
 ) -> None:
-    server = OpcuaServer(loops=1, array=300)
+    server = OpcuaServer(few_nodes=True, loops=1, array=300)
     await server.start()
     bench = Bench(server, tmp_path)
     try:

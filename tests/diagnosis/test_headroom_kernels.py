@@ -12,16 +12,18 @@ from estimator.diagnosis.innovations import poles_product, power_of_load, whiten
 from estimator.diagnosis.linear_loop import TURNS, LinearLoop
 from estimator.diagnosis.tuning_rules import simc, simc_lag
 from loop_model import ProcessModel
+from tests.seeds import in_suite
 
 PI = Controller("PI", 0.8, 12.0, 0.0, 0.8 / 12.0, 0.0, "error", 0, 1.0, True)
 
 
+@pytest.mark.parametrize("draws", in_suite(1, [100, 300]))
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_the_numerator_has_the_spectrum_of_load_plus_noise(count: int) -> None:
+def test_the_numerator_has_the_spectrum_of_load_plus_noise(count: int, draws: int) -> None:
     rng = np.random.default_rng(count)
     frequencies = np.geomspace(1e-5, 0.5, 200)
     z = np.exp(-2j * np.pi * frequencies)
-    for _ in range(300):
+    for _ in range(draws):
         # lags of a third of a sample to 10,000, two of them alike, or an integrator
         poles = np.exp(-np.exp(-rng.uniform(-1.0, 9.0, count)))
         poles[-1] = rng.choice([poles[0], poles[-1], 1.0])

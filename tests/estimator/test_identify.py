@@ -16,7 +16,7 @@ from compensator.conventional.unaware import UnawareMpc
 from estimator import EstimatorError, Verdict, identify
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2, Study, run
 from loop_model import LoopModel, ProcessModel, ValveModel
-from tests.seeds import few_and_all
+from tests.seeds import few_and_all, in_suite
 
 
 @pytest.mark.parametrize("band", [2.0, 8.0])
@@ -112,7 +112,7 @@ def _slowest(model: LoopModel) -> float:
     return float(np.abs(np.roots([1.0, *model.process.a])).max())
 
 
-@pytest.mark.parametrize("name", ["s13", "s44", "s78"])
+@pytest.mark.parametrize("name", in_suite(2, ["s44", "s78", "s13"]))
 def test_a_process_that_hardly_settles_is_given_a_model_that_simulates(name: str) -> None:
     # load steps or an integrating process: a regression's slowest pole would be beyond 1
     loop = named_loop(name)
@@ -183,7 +183,7 @@ def test_intervals_hold_their_values_and_widen_with_confidence(sticky_window) ->
         assert large.high >= small.high - 1e-12
 
 
-@pytest.mark.parametrize("method", ["nlp", "nlp-polish", "grid"])
+@pytest.mark.parametrize("method", in_suite(2, ["grid", "nlp-polish", "nlp"]))
 def test_the_paper_s_methods_answer_in_the_same_form(sticky_window, method: str) -> None:
     op, pv, _ = sticky_window
     ours, theirs = identify(op, pv, criterion="arx"), identify(op, pv, method=method)

@@ -15,7 +15,7 @@ from estimator.evidence.weighing import fit_healthy
 from estimator.hypotheses.periodic_load import PeriodicLoad
 from estimator.processes.poles import Poles, Shape
 from tests.closed_loop import run
-from tests.seeds import in_suite
+from tests.seeds import cases_in_suite, in_suite
 
 LAG = Poles(Shape.LAGS, 6.0)
 
@@ -156,7 +156,8 @@ def test_a_healthy_valve_under_a_saw_tooth_on_pv_is_not_accused(period: int, noi
 
 @pytest.mark.parametrize("seed", in_suite(1, [2, 5, 9]))
 @pytest.mark.parametrize(
-    ("period", "dead", "gain"), [(45, 8, 0.4), (90, 8, 0.4), (150, 2, 0.6), (150, 8, 0.4)]
+    ("period", "dead", "gain"),
+    cases_in_suite(2, [(45, 8, 0.4), (150, 2, 0.6), (90, 8, 0.4), (150, 8, 0.4)]),
 )
 def test_a_healthy_valve_under_it_is_not_accused(
     period: int, dead: int, gain: float, seed: int
@@ -202,7 +203,7 @@ def test_the_interval_of_a_sticky_valve_under_it_holds_the_truth() -> None:
     assert result.stick_band.low <= 6.0 <= result.stick_band.high
 
 
-@pytest.mark.parametrize("seed", in_suite(4, range(1, 11)))
+@pytest.mark.parametrize("seed", in_suite(2, range(1, 11)))
 def test_a_sticky_valve_under_it_is_found(seed: int) -> None:
     wave = sawtooth(2.0 * np.pi * (np.arange(900) / 150 + 0.17 * seed), 0.3)
     record = run(load=5.0 * wave, n=900, band=6.0, jump=4.0, noise=0.03, seed=seed)

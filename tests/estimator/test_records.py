@@ -109,7 +109,7 @@ def _polled(signal: Array, every: int, first: int) -> Array:
     return signal[np.maximum(place // every * every + first, 0)]
 
 
-@pytest.mark.parametrize(("every", "first"), [(2, 0), (3, 2), (5, 1)])
+@pytest.mark.parametrize(("every", "first"), cases_in_suite(1, [(3, 2), (2, 0), (5, 1)]))
 def test_a_record_that_keeps_each_value_is_judged_on_each_value_once(
     loop, every: int, first: int
 ) -> None:

@@ -21,7 +21,7 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.uneven_wave import UnevenWave, course_of, slopes_of
 from estimator.processes.poles import Poles, Shape
 from tests.closed_loop import run
-from tests.seeds import few_and_all, in_suite
+from tests.seeds import cases_in_suite, few_and_all, in_suite
 
 Array = NDArray[np.float64]
 
@@ -256,7 +256,7 @@ def test_a_triangle_that_wanders_is_found_with_the_process_behind_a_healthy_valv
     assert away.max() < 2.0
 
 
-@pytest.mark.parametrize("seeds", few_and_all(2, (1, 3, 4, 7)))
+@pytest.mark.parametrize("seeds", few_and_all(1, (1, 3, 4, 7)))
 def test_healthy_valves_under_an_uneven_saw_tooth_are_not_accused(seeds: Sequence[int]) -> None:
     """Three of these four were, when a load of steps and lines was the only rival."""
     accused = 0
@@ -267,7 +267,7 @@ def test_healthy_valves_under_an_uneven_saw_tooth_are_not_accused(seeds: Sequenc
     assert accused <= len(seeds) // 4
 
 
-@pytest.mark.parametrize("seeds", few_and_all(2, range(1, 5)))
+@pytest.mark.parametrize("seeds", few_and_all(1, range(1, 5)))
 def test_healthy_valves_under_an_uneven_triangle_are_mostly_cleared(seeds: Sequence[int]) -> None:
     """Seven of these eight were accused when the wave was looked for beside a drift alone."""
     accused = 0
@@ -290,13 +290,14 @@ def test_a_wave_of_four_cycles_is_outlined(rise: float) -> None:
         assert ((times > 0.0) & (times < 239.0)).sum() >= 7
 
 
-def test_sticky_valves_under_an_uneven_saw_tooth_are_found() -> None:
+@pytest.mark.parametrize("seeds", few_and_all(2, range(1, 5)))
+def test_sticky_valves_under_an_uneven_saw_tooth_are_found(seeds: Sequence[int]) -> None:
     found = 0
-    for seed in range(1, 5):
+    for seed in seeds:
         load = 2.0 * uneven_wave(900, 80.0, 0.05, seed)
         record = run(load=load, n=900, band=6.0, jump=3.0, noise=0.05, gain=0.8, seed=seed)
         found += identify(record.op, record.pv, sp=record.sp).verdict is Verdict.STICTION
-    assert found >= 3
+    assert found >= 0.75 * len(seeds)
 
 
 def test_cycles_are_as_long_as_those_of_the_load(case) -> None:
@@ -323,7 +324,7 @@ def test_op_that_does_not_go_up_and_down_has_no_cycles(case) -> None:
 
 
 @pytest.mark.parametrize("seed", in_suite(1, [7, 1, 9, 0, 2, 3, 4, 5, 6, 8]))
-@pytest.mark.parametrize(("period", "size"), [(40.0, 4.0), (30.0, 6.0)])
+@pytest.mark.parametrize(("period", "size"), cases_in_suite(1, [(40.0, 4.0), (30.0, 6.0)]))
 def test_healthy_valves_under_a_fast_triangle_that_wanders_are_not_accused(
     period: float, size: float, seed: int
 ) -> None:

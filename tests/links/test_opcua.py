@@ -121,7 +121,7 @@ async def test_a_server_that_is_paused_killed_and_started_again(
     make_opcua_site: Callable[..., Site],
 ) -> None:
     """A value is either of this moment or not given; the link comes back by itself."""
-    own = OpcuaServer(loops=1)
+    own = OpcuaServer(few_nodes=True, loops=1)
     await own.start()
     links = []
     for mode in ("read", "subscribe"):
@@ -206,7 +206,12 @@ async def test_security_and_password_come_from_files(
     from tests.links.opcua_certificates import write_certificate
 
     own = OpcuaServer(
-        loops=1, user="edge", password="s3cret", pki=str(tmp_path / "pki"), sessions=1
+        few_nodes=True,
+        loops=1,
+        user="edge",
+        password="s3cret",
+        pki=str(tmp_path / "pki"),
+        sessions=1,
     )
     await own.start()
     write_certificate(tmp_path, "urn:fieldlink:client")

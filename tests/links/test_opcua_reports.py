@@ -205,7 +205,7 @@ async def test_a_difference_that_no_new_session_cures_opens_ever_fewer(
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def foreign() -> AsyncIterator[OpcuaServer]:
-    running = OpcuaServer(loops=1)
+    running = OpcuaServer(few_nodes=True, loops=1)
     await running.start()
     yield running
     await running.kill()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import struct
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from asyncua import Client
 from fieldlink.daemon import Daemon
 from fieldlink.links import LinkState, open_link
 from fieldlink.site import Site, load_site
+from tests.daemon.live import unrehearsed_pools
 from tests.links.opcua_server import OpcuaServer, scan_until
 from tests.seeds import in_suite
 
@@ -91,9 +92,15 @@ async def test_a_handshake_that_cannot_be_read_is_a_reason_of_the_device(
     assert "its answer cannot be read (" in str(scan.failures[0])
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _unrehearsed() -> Iterator[None]:
+    with unrehearsed_pools():
+        yield
+
+
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def server() -> AsyncIterator[OpcuaServer]:
-    running = OpcuaServer(loops=1)
+    running = OpcuaServer(few_nodes=True, loops=1)
     await running.start()
     yield running
     await running.kill()

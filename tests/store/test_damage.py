@@ -16,6 +16,7 @@ from fieldlink.store import (
     HistorianSettings,
     SampleRecord,
     StoreError,
+    database,
     read_events,
     read_samples,
 )
@@ -93,7 +94,10 @@ def test_a_file_of_somebodys_is_left_alone(file: Path) -> None:
     assert set_aside(file) == []
 
 
-def test_each_cause_for_which_a_store_is_not_read_has_its_remedy(tmp_path: Path) -> None:
+def test_each_cause_for_which_a_store_is_not_read_has_its_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database, "READERS_PATIENCE", 0.2)
     url = f"sqlite:///{tmp_path}/history.sqlite"
     historian = Historian(url)
     historian.start(OPENED)

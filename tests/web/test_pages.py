@@ -316,6 +316,7 @@ async def test_a_note_starts_the_trend_again(device: Any, tmp_path: Path, live: 
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{at}", timeout=60.0) as client:
             course: dict[str, Any] = {"time": []}
             while len(course["time"]) < 3:
+                await asyncio.sleep(0.05)
                 course = (await client.get("/api/loops/PLC")).json()["course"]
             asked = {"action": "annotate", "who": "A. Meyer", "why": "packing replaced"}
             await client.post(
@@ -327,6 +328,7 @@ async def test_a_note_starts_the_trend_again(device: Any, tmp_path: Path, live: 
                 begin = found["course"]["trend_from"]
                 if begin is None or begin > noted:
                     break
+                await asyncio.sleep(0.05)
     assert found["orders"][0]["why"] == "packing replaced"
     assert len(found["course"]["time"]) >= 3
 

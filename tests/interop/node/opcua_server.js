@@ -29,6 +29,8 @@ async function main() {
         certificateFile: options.certificateFile,
         privateKeyFile: options.privateKeyFile,
         disableDiscovery: true,
+        // the standard's thousands of nodes are half of what a start takes
+        nodeset_filename: [options.few_nodes ? opcua.get_mini_nodeset_filename() : opcua.nodesets.standard],
         allowAnonymous: !options.user,
         securityPolicies: [opcua.SecurityPolicy.None, opcua.SecurityPolicy.Basic256Sha256],
         userManager: {
