@@ -123,8 +123,8 @@ class Evidence:
         gain_sign: sign of the process gain that the controller's action tells, 0 where unclear.
         law: the valve law that explains the window best.
         over_waves: by how many nats a sticky valve whose slips vary by chance is likelier than a
-            load that swings unevenly; infinite where no such load is likelier than the sticky valve
-            whose slips do not vary.
+            load that swings unevenly, or goes in steps and lines; infinite where no such load is
+            likelier than the sticky valve whose slips do not vary.
     """
 
     log_bayes_factor: float

@@ -3,9 +3,8 @@
 A sticky valve moves its stem like a wave, and a wave whose turns are free explains much. So it
 counts only where PV follows OP beside it as surely as a sticky valve is asked for before it is
 believed in, and where the valve explains less even if its slips are of chance as the turns of the
-wave are. Where it is likelier than the valve, but not than the valve whose slips vary, either is
-possible. A wave along the cycles of OP never does more than that: it also fits sticky valves whose
-friction is another one at every slip, and no law's slips, however late, lie near enough to those.
+wave are: late and off, or with a friction of their own each. Where it is likelier than the valve,
+but not than the valve whose slips vary, either is possible.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import math
 from functools import cache
 
 from estimator.evidence.effect import ANSWERED, loop_gain_of
+from estimator.evidence.slip_frictions import is_beyond_slips, lead_of_slips
 from estimator.evidence.uneven_waves import find_uneven_wave, find_wave_in_cycles
 from estimator.evidence.varying_slips import likelihood_of_varying_slips
 from estimator.hypotheses.gain import gain_deviations
@@ -31,11 +31,6 @@ triangular load whose period wanders, or that enters at PV, the evidence reaches
 _MOVED = 0.27
 """What `ANSWERED` is for a load of steps and lines, for a wave along cycles: beside a healthy valve
 of those 34 the gain is 0.30 and more; beside sticky ones 0.02 to 0.25 but for one in forty."""
-_NEITHER_EXACT = 2.0
-"""Times what a sticky valve is asked for, by which a wave must be likelier than a valve whose slips
-vary: turns and slips of chance make both explain what they do not model. The tuning family's sticky
-valves are behind by 7, 10, 15, 19 and 45 nats, simulated healthy ones by 4 to 16 in six of 28, by
-more in the others."""
 _WHOLE = 0.95
 """Share of good, measured samples of a record whose cycles tell: the tuning family's others have
 0.9 at most."""
@@ -57,18 +52,23 @@ def find_rival_wave(
     ahead = math.inf
     # both kinds of waves ask for it, and it takes long
     varied = cache(lambda: likelihood_of_varying_slips(case, refine_all_laws(case, sticky)))
-    evidence = sticky.likelihood - healthy.likelihood
-    enough = sticky.likelihood + case.settings.judging.threshold
-    if evidence < _BEYOND_CYCLES and _is_whole(case):
-        loaded = find_wave_in_cycles(case, sticky, enough)
-        if loaded is not None and _may_rival(case, loaded, sticky, _MOVED):
-            ahead = varied() - loaded.likelihood
-    if evidence < _BEYOND_OUTLINED:
-        loaded = find_uneven_wave(case, sticky, enough)
-        if loaded is not None and _may_rival(case, loaded, sticky, ANSWERED):
-            ahead = min(ahead, varied() - loaded.likelihood)
-            if ahead <= -_NEITHER_EXACT * case.settings.judging.threshold:
-                return loaded, math.inf
+    evidence, threshold = sticky.likelihood - healthy.likelihood, case.settings.judging.threshold
+    enough = sticky.likelihood + threshold
+    for find, answered, beyond in (
+        (find_wave_in_cycles, _MOVED, _BEYOND_CYCLES),
+        (find_uneven_wave, ANSWERED, _BEYOND_OUTLINED),
+    ):
+        if evidence >= beyond or (find is find_wave_in_cycles and not _is_whole(case)):
+            continue
+        loaded = find(case, sticky, enough)
+        if loaded is None or not _may_rival(case, loaded, sticky, answered):
+            continue
+        lead = varied() - loaded.likelihood
+        if lead < threshold:
+            lead = max(lead, lead_of_slips(case, sticky, loaded))
+        ahead = min(ahead, lead)
+        if is_beyond_slips(case, ahead):
+            return loaded, math.inf
     return None, ahead
 
 

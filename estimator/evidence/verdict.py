@@ -85,8 +85,8 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
         )
     if sticks and evidence.over_waves < judging.threshold:
         doubts.append(
-            "a load that swings unevenly explains PV about as well as a sticky valve whose slips "
-            "vary"
+            "a load that swings or steps unevenly explains PV about as well as a sticky valve "
+            "whose slips vary"
         )
     if evidence.process < judging.process and not sticks:
         return answer(

@@ -15,6 +15,7 @@ from estimator.evidence.growing import add_best, fit_repeating, fit_waves
 from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
 from estimator.evidence.piecewise_loads import fit_piecewise_loads
 from estimator.evidence.rival_waves import find_rival_wave
+from estimator.evidence.slip_frictions import is_beyond_slips, lead_of_slips
 from estimator.evidence.uneven_waves import refit_uneven_wave
 from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
@@ -66,8 +67,9 @@ class Weighing:
     """The sticky valve under every law that was tried, the likeliest first, then other valves of
     the search: for the estimate and its intervals."""
     over_waves: float = np.inf
-    """By how many nats a valve whose slips vary is likelier than an uneven wave from outside;
-    infinite where none is a rival of the valve, or where one is taken up."""
+    """By how many nats a valve whose slips vary is likelier than a load of any shape from outside,
+    an uneven wave or steps and lines; infinite where none is a rival of the valve, or where one is
+    taken up."""
 
     @property
     def evidence(self) -> float:
@@ -123,9 +125,9 @@ def _weighed(
             if loaded is not None and _rivals(case, loaded, sticky):
                 healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
-        healthy, sticky = _beside_lines(case, healthy, sticky)
+        healthy, sticky, over_waves = _beside_lines(case, healthy, sticky)
     if waves and sticky.likelihood > healthy.likelihood:
-        healthy, sticky, over_waves = _beside_wave(case, healthy, sticky)
+        healthy, sticky, over_waves = _beside_wave(case, healthy, sticky, over_waves)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky, over_waves
@@ -152,18 +154,22 @@ def _repeating(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesi
 
 def _beside_lines(
     case: Case, healthy: Hypothesis, sticky: Hypothesis
-) -> tuple[Hypothesis, Hypothesis]:
-    """Both hypotheses with a load of steps and straight lines, where one pays."""
+) -> tuple[Hypothesis, Hypothesis, float]:
+    """Both hypotheses with a load of steps and lines, where one pays; `Weighing.over_waves`."""
     found = fit_piecewise_loads(case, (healthy, sticky), sticky.likelihood - _NEAR)
     # the likeliest alone: where OP does nothing beside it, a less likely one is no other load
     if not found or not _rivals(case, found[0], sticky) or not _is_answered(case, found[0]):
-        return healthy, sticky
+        return healthy, sticky, np.inf
     loaded = found[0]
     if loaded.likelihood <= healthy.likelihood + _PAYS:
-        return healthy, sticky
+        return healthy, sticky, np.inf
+    if loaded.likelihood > sticky.likelihood:
+        ahead = lead_of_slips(case, sticky, loaded)
+        if not is_beyond_slips(case, ahead):
+            return healthy, sticky, ahead
     sticky = _with_own_lines(case, sticky)
     healthy, sticky = _beside_load(case, healthy, sticky, loaded)
-    return healthy, _with_own_lines(case, sticky)
+    return healthy, _with_own_lines(case, sticky), np.inf
 
 
 def _with_own_lines(case: Case, sticky: Hypothesis) -> Hypothesis:
@@ -174,12 +180,12 @@ def _with_own_lines(case: Case, sticky: Hypothesis) -> Hypothesis:
 
 
 def _beside_wave(
-    case: Case, healthy: Hypothesis, sticky: Hypothesis
+    case: Case, healthy: Hypothesis, sticky: Hypothesis, over_lines: float
 ) -> tuple[Hypothesis, Hypothesis, float]:
     """Both hypotheses with a load that swings unevenly, where one pays; `Weighing.over_waves`."""
     loaded, over_waves = find_rival_wave(case, healthy, sticky)
     if loaded is None:
-        return healthy, sticky, over_waves
+        return healthy, sticky, min(over_lines, over_waves)
     healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     own = _with_own_wave(case, sticky, healthy)
     if own is sticky:

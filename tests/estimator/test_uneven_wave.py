@@ -151,6 +151,7 @@ def test_it_is_a_rival_where_it_is_likelier_than_the_valve(
         asked.append(least - sticky.likelihood)
         return replace(one, likelihood=sticky.likelihood + beyond)
 
+    monkeypatch.setattr(weighing, "lead_of_slips", lambda *_: np.inf)
     monkeypatch.setattr(rival_waves, "find_wave_in_cycles", lambda *_: None)
     monkeypatch.setattr(rival_waves, "find_uneven_wave", found)
     weighed = weighing.weigh(saw_tooth_window)
@@ -180,6 +181,7 @@ def test_it_counts_where_a_valve_whose_slips_vary_is_twice_as_far_behind(
     monkeypatch.setattr(rival_waves, "find_wave_in_cycles", lambda *_: None)
     monkeypatch.setattr(rival_waves, "find_uneven_wave", find)
     monkeypatch.setattr(rival_waves, "likelihood_of_varying_slips", lambda *_: leads[-1] - behind)
+    monkeypatch.setattr(rival_waves, "lead_of_slips", lambda *_: -np.inf)
     weighed = weighing.weigh(saw_tooth_window)
     assert _has_wave(weighed.healthy) is counts
     if doubts is None:

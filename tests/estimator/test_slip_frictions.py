@@ -1,0 +1,161 @@
+"""A sticky valve whose friction is another one at every slip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import product
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.stats import multivariate_normal, norm
+
+from estimator.evidence.slip_frictions import lead_of_slips
+from estimator.hypotheses.friction_paths import Frictions, follow_paths
+from estimator.hypotheses.hypothesis import Case, Valve
+from estimator.hypotheses.noise import WHITE
+from estimator.processes.poles import Poles, Shape
+from tests.seeds import in_suite
+
+Array = NDArray[np.float64]
+
+PROCESS = Poles(Shape.LAGS, 3.0, 1.0, 0.5)
+GAINS, LATE, TAPS, VARIANCE = (0.7, 0.4), 2, np.array([0.5, -0.2]), 0.02
+
+
+def shown(stem: Array) -> Array:
+    """What PV shows of a stem: process, gains and dead time, whitened by the noise model."""
+    response = PROCESS.response(stem)
+    late = np.concatenate([np.zeros(LATE + 1), response])
+    pv = GAINS[0] * late[1:][: stem.size] + GAINS[1] * late[: stem.size]
+    return np.asarray(lfilter([1.0, *-TAPS], [1.0], pv))
+
+
+def followed(
+    op: Array, target: Array, frictions: Frictions, weight: Array | None = None, *, slides: bool
+) -> tuple[float, Array]:
+    """The kernel on all but the first rows, with the constants of a density that it leaves out."""
+    weight = np.ones(op.size) if weight is None else weight.copy()
+    weight[:LATE] = 0.0
+    process = PROCESS.coefficients, GAINS, LATE, VARIANCE
+    worth, stem = follow_paths(
+        op, target, weight, TAPS, float(op[0]), frictions, process, 1e-9, slides
+    )
+    return worth - 0.5 * float(weight.sum()) * np.log(2.0 * np.pi), stem
+
+
+def path_of(
+    op: Array, slips: tuple[int, ...], frictions: Frictions, *, slides: bool
+) -> tuple[float, Array]:
+    """Chance and stem of a path: ``slips`` is a way, up, down or none, a row after the first.
+
+    Each stretch of rest has a static friction of its own, one for each way.
+    """
+    static, dynamic, spread = frictions[:3]
+    stem, chance, way = np.full(op.size, op[0]), 1.0, 0
+    high = low = op[0]
+    for k in range(1, op.size):
+        x = stem[k - 1]
+        if way * (op[k] - op[k - 1]) > 0.0:
+            if slips[k - 1] != 0:
+                return 0.0, stem
+            stem[k] = x + op[k] - op[k - 1]
+            continue
+        if way != 0:
+            high = low = op[k - 1]
+            way = 0
+        free = norm(static, spread)
+        up = free.cdf(max(high, op[k]) - x) - free.cdf(high - x)
+        down = free.cdf(x - min(low, op[k])) - free.cdf(x - low)
+        up, down = up / free.sf(high - x), down / free.sf(x - low)
+        chance *= {0: (1.0 - up) * (1.0 - down), 1: up, -1: down}[slips[k - 1]]
+        stem[k] = x if slips[k - 1] == 0 else op[k] - slips[k - 1] * dynamic
+        high, low = max(high, op[k]), min(low, op[k])
+        if slips[k - 1] != 0:
+            high = low = op[k]
+            way = slips[k - 1] if slides else 0
+    return chance, stem
+
+
+@pytest.mark.parametrize("slides", [False, True])
+def test_it_is_the_sum_over_all_paths(slides: bool) -> None:
+    """Each path's chance times the density of PV under its stem, summed one by one."""
+    op = np.array([0.0, 0.5, 1.1, 1.5, 1.2, 0.4, -0.3, -0.9, -0.7])
+    frictions = 0.9, 0.3, 0.25, 0.0, 0.0
+    truth = path_of(op, (0, 1, 0, 0, 0, -1, 0, 0), frictions, slides=False)[1]
+    target = shown(truth) + np.sqrt(VARIANCE) * np.random.default_rng(4).normal(size=op.size)
+    total, best = 0.0, (0.0, truth)
+    for slips in product((0, 1, -1), repeat=op.size - 1):
+        chance, stem = path_of(op, slips, frictions, slides=slides)
+        if chance <= 0.0:
+            continue
+        density = norm(shown(stem)[LATE:], np.sqrt(VARIANCE)).pdf(target[LATE:]).prod()
+        total += chance * density
+        best = max(best, (chance * density, stem), key=lambda one: one[0])
+    worth, stem = followed(op, target, frictions, slides=slides)
+    assert worth == pytest.approx(np.log(total), abs=0.02)
+    # what PV does not show yet is not known
+    assert stem[:-LATE] == pytest.approx(best[1][:-LATE])
+
+
+def test_dynamic_friction_and_lateness_of_chance_are_integrated_over() -> None:
+    """One path, and the density of PV whose covariance both deviations tell."""
+    op = np.concatenate([np.zeros(4), np.full(6, 3.0), np.full(7, -2.0)])
+    static, dynamic, deviation, late = 1.0, 0.4, 0.3, 0.5
+    slips = (4, 1.0), (10, -1.0)
+    stem = np.zeros(op.size)
+    ends, parts = np.zeros((2, op.size)), np.zeros((2, op.size))
+    for i, (row, way) in enumerate(slips):
+        before = stem[row - 1]
+        stem[row:] = op[row] - way * dynamic
+        ends[:, row:] = 0.0
+        ends[i, row:] = 1.0
+        parts[i, row] = late * (stem[row] - before)
+    # a place that is not known moves all of the later PV until the next slip
+    columns = np.array([shown(one) for one in [*(deviation * ends), *parts]])
+    covariance = VARIANCE * np.eye(op.size) + columns.T @ columns
+    rng = np.random.default_rng(8)
+    target = shown(stem) + rng.multivariate_normal(np.zeros(op.size), covariance)
+    weight = np.ones(op.size)
+    weight[[0, 1, 2, 12]] = 0.0
+    seen = weight > 0.0
+    expected = multivariate_normal(shown(stem)[seen], covariance[np.ix_(seen, seen)])
+    frictions = static, dynamic, 0.02, deviation, late
+    worth, _ = followed(op, target, frictions, weight, slides=False)
+    # the last part's size hangs on where the stem stood, which is known after the first slip only
+    assert worth == pytest.approx(expected.logpdf(target[seen]), abs=0.2)
+
+
+def _uneven(seed: int, spread: float) -> tuple[Array, Array, Array]:
+    """OP, stem and PV of a valve of S 5, J 3 whose friction varies by a share of S."""
+    rng = np.random.default_rng(seed)
+    n, static, dynamic = 700, 4.0, 1.0
+    op = 50.0 + 4.6 * np.sin(np.arange(n) / 14.0 + 0.6 * np.sin(np.arange(n) / 50.0))
+    stem, x, free = np.empty(n), 50.0, static
+    for k, u in enumerate(op):
+        if abs(u - x) > free:
+            x = u - np.sign(u - x) * (dynamic + spread * 5.0 * rng.normal())
+            free = static + spread * 5.0 * rng.normal()
+        stem[k] = x
+    pv = np.asarray(lfilter([0.0, 0.12], [1.0, -0.88], stem - 50.0))
+    return op, stem, pv + 0.02 * rng.normal(size=n)
+
+
+@pytest.mark.parametrize("seed", in_suite(2, range(10)))
+def test_slips_of_uneven_friction_are_found_where_no_law_does(
+    case: Callable[..., Case], seed: int
+) -> None:
+    op, stem, pv = _uneven(seed, 0.06)
+    window = case(op, pv, signed=False)
+    scale = float(window.rows.u.std() / op.std())
+    poles = Poles(Shape.LAGS, 7.8)
+    valve = Valve(5.0 * scale, 3.0 * scale, float(window.rows.u[0]))
+    sticky = window.fit(valve, poles, 0, (), WHITE)
+    # in place of a load: PV behind the very stem
+    known = window.fit(valve, poles, 0, (), WHITE, stem=(stem - op[0]) * scale + window.rows.u[0])
+    slips = np.count_nonzero(np.diff(stem))
+    lead = lead_of_slips(window, sticky, known)
+    # a slip costs what is not known of it beforehand: when, and how far
+    assert -12.0 * slips < lead < 0.0
+    assert lead + known.likelihood - sticky.likelihood > 50.0
