@@ -25,14 +25,20 @@ def test_the_numerator_has_the_spectrum_of_load_plus_noise(count: int) -> None:
         # lags of a third of a sample to 10,000, two of them alike, or an integrator
         poles = np.exp(-np.exp(-rng.uniform(-1.0, 9.0, count)))
         poles[-1] = rng.choice([poles[0], poles[-1], 1.0])
-        noise = np.exp(rng.uniform(-10.0, 6.0))
-        numerator, denominator = whitening_numerator(poles, noise), poles_product(poles)
+        noise, white = np.exp(rng.uniform(-10.0, 6.0, 2))
+        # a white load passes a process: without one it is noise
+        white = white if count > 1 else 0.0
+        numerator = whitening_numerator(poles, noise, white)
+        denominator = poles_product(poles)
         beside = 1.0 / power_of_load(denominator)
         poles_of = np.prod(
             (1.0 - poles[:, None]) ** 2 + 4.0 * poles[:, None] * np.sin(np.pi * frequencies) ** 2,
             axis=0,
         )
+        corner = (1.0 - poles[0]) ** 2 + 4.0 * poles[0] * np.sin(np.pi * frequencies) ** 2
         wanted = noise * poles_of + beside
+        if count > 1:
+            wanted += white / power_of_load(poles_product(poles[1:])) * corner
         found = np.abs(np.polyval(numerator[::-1], z)) ** 2
         assert found / found[-1] == pytest.approx(wanted / wanted[-1], rel=1e-4)
         assert numerator[0] == 1.0
@@ -42,7 +48,7 @@ def test_the_numerator_has_the_spectrum_of_load_plus_noise(count: int) -> None:
 def test_a_load_of_one_pole_has_the_numerator_of_the_textbook() -> None:
     # 1 + theta q^-1 with theta / (1 + theta^2) = -a noise / ((1 + a^2) noise + 1 - a^2)
     pole, noise = 0.9, 0.3
-    theta = whitening_numerator(np.array([pole]), noise)[1]
+    theta = whitening_numerator(np.array([pole]), noise, 0.0)[1]
     share = -pole * noise / ((1.0 + pole**2) * noise + 1.0 - pole**2)
     assert theta / (1.0 + theta**2) == pytest.approx(share, rel=1e-12)
 
