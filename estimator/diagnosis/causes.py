@@ -53,7 +53,7 @@ def rank_causes(
             outside = replace(outside, weight=_INFERRED * outside.weight)
     slow = find_slow(found, settings, proposal)
     for shown in (sticky, outside):
-        if shown is not None and slow is not None:
+        if shown is not None and shown.weight >= settings.judging.told and slow is not None:
             # slow tuning is inferred from what these leave of the error
             slow = replace(slow, weight=min(slow.weight, _INFERRED * shown.weight))
     curved, limit = _characteristic(found, settings), _saturation(found, settings)

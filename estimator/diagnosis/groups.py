@@ -166,16 +166,17 @@ def _swings_of(
     )
     causes = {cause.name for cause in diagnoses[name].causes}
     present = [found for found in all_found if found.present]
-    if CauseName.STICKY_VALVE not in causes:
+    # an uneven wave that may stand for the valve has a period like any other
+    if CauseName.STICKY_VALVE not in causes or is_valve_doubted(diagnoses[name]):
         is_tight = any(_is_tight(cause, settings) for cause in diagnoses[name].causes)
         return [_Swing(name, found, made=is_tight) for found in present]
-    nats, made = evidence_of_valve(diagnoses[name], 0.0), not is_valve_doubted(diagnoses[name])
+    nats = evidence_of_valve(diagnoses[name], 0.0)
     if not present:
         # the motions of a loop whose valve sticks, regular or not, the main one first
-        return [_Swing(name, found, irregular=True, made=made, sticking=nats)
+        return [_Swing(name, found, irregular=True, made=True, sticking=nats)
                 for found in sorted(all_found, key=lambda found: -found.share)]  # fmt: skip
     regular = settings.grouping.regular
-    return [_Swing(name, found, found.regularity < regular, made=made, sticking=nats)
+    return [_Swing(name, found, found.regularity < regular, made=True, sticking=nats)
             for found in present]  # fmt: skip
 
 

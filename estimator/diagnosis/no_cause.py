@@ -93,6 +93,11 @@ def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
             f"by the process that shows, Ms is {digits(peak, 2)} (well-tuned loops 1.4 to 2): with "
             f"more gain it would swing"
         )
+    if found.headroom >= settings.judging.likely:
+        evidence.append(
+            f"{headroom_words(found, settings)}; the error is over within an integral time "
+            f"all the same"
+        )
     return Cause(CauseName.QUIET, 1.0, tuple(evidence))
 
 
@@ -165,7 +170,12 @@ def tell_unproven(found: Gathered, settings: DiagnosisSettings) -> Cause:
         f"a sticky valve explains PV better than any other explanation (log Bayes factor "
         f"{one.sticking:.0f}), "
     )
-    if one.sticking < settings.judging.threshold:
+    if one.sticks:
+        text += (
+            f"but sticking makes only {one.effect:.1%} of PV's variance, and what no model knows "
+            f"of a loop may make as much"
+        )
+    elif one.sticking < settings.judging.threshold:
         text += f"but {settings.judging.threshold:g} are needed"
     else:
         text += "but too few strokes of the record show it"

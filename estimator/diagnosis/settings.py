@@ -219,7 +219,7 @@ class Headroom:
     slower: float = 3.0
     seconds: tuple[float, ...] = (0.3, 1.0)
     swings: float = 2.2
-    most: float = 30.0
+    most: float = 50.0
     corner: float = 25.0
     white: float = 0.1
     noise: float = 0.02

@@ -58,7 +58,7 @@ def find_slow(
         evidence = [
             f"{one:.0%} of the control error can be predicted one integral time "
             f"({digits(controller.integral_time_s, 3)} s) ahead{further}; a loop that "
-            f"settles within its integral time has no such error",
+            f"settles within its integral time has no such error, unless its load goes on changing",
         ]
         weight = min(1.0, max(one, two))
     elif outside is not None and is_surely_slow(found, settings):

@@ -40,7 +40,7 @@ def sticky_weight(found: Gathered) -> float:
     """Weight of a sticky valve: the share of PV's motion that it makes."""
     assert found.explained is not None
     swings = found.swing.share if found.swing.present else 0.0
-    return min(1.0, max(found.explained.effect, swings, 0.3))
+    return min(1.0, max(found.explained.effect, swings))
 
 
 def uneven_wave_words(found: Gathered, settings: DiagnosisSettings) -> str:

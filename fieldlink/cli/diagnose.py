@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fieldlink.diagnosis import Cause, Diagnosis
     from fieldlink.site.recording import Recording
 
-__all__ = ["diagnose"]
+__all__ = ["diagnose", "print_plant"]
 
 
 def diagnose(
@@ -89,7 +89,7 @@ def diagnose(
     if as_json:
         typer.echo(json.dumps(plant.to_dict(), allow_nan=False))
     else:
-        _print_plant(plant)
+        print_plant(plant)
     if plot is not None and plant.groups:
         from fieldlink.diagnosis_pictures import group_figure
         from fieldlink.pictures import save
@@ -241,7 +241,8 @@ def _settings_in_words(one: Mapping[str, Any], all_of_it: Mapping[str, Any]) -> 
     )
 
 
-def _print_plant(plant: Plant) -> None:
+def print_plant(plant: Plant) -> None:
+    """Print loops, the heaviest cause on top, and the groups with their likeliest sources."""
     from rich.table import Table
     from rich.text import Text
 

@@ -101,3 +101,18 @@ def test_simc_for_a_lag_is_skogestads_table() -> None:
     assert (rule.gain, rule.integral_time_s) == pytest.approx((gain, time))
     gain, time = simc_lag(0.1, np.inf, 1.5)
     assert (gain, time) == pytest.approx((1.0 / (0.1 * 3.0), 12.0))
+
+
+def test_the_phase_margin_of_a_loop_that_is_not_stable_is_below_zero() -> None:
+    # a lag with a dead time of five samples: the phase at which the gain is one, by frequency
+    process = ProcessModel((-float(np.exp(-0.1)),), (1.0 - float(np.exp(-0.1)),), 5, 0.0, 1.0)
+    for gain in (1.0, 8.0):
+        controller = Controller("PI", gain, 10.0, 0.0, gain / 10.0, 0.0, "error", 0, 1.0, True)
+        loop = LinearLoop.of(process, controller)
+        margins = loop.margins()
+        assert (margins.phase_deg > 0.0) is margins.stable is (margins.gain > 1.0)
+        turns = np.geomspace(1e-3, 0.4, 4000)
+        size = np.abs(loop.open_loop(turns))
+        phase = np.degrees(np.unwrap(np.angle(loop.open_loop(turns))))
+        crossing = phase[:-1][(size[1:] < 1.0) & (size[:-1] >= 1.0)]
+        assert np.min(np.abs(crossing + 180.0 - margins.phase_deg)) < 1.0

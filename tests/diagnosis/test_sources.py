@@ -70,3 +70,15 @@ def test_a_valve_that_is_hardly_sticky_is_less_likely_than_a_source_outside() ->
     signals, alone = group_of_two(3)
     victims = {name: stuck(one, 11.0) for name, one in alone.items()}
     assert find_groups(signals, victims)[0].candidates[0].loop is None
+
+
+@pytest.mark.parametrize("seed", in_suite(1, [1, 2, 4]))
+def test_a_valve_that_an_uneven_wave_may_stand_for_is_no_likely_source(seed: int) -> None:
+    signals, alone = group_of_two(seed)
+    indices = dict(alone["A"].indices) | {"log_bayes_factor_over_uneven_wave": -40.0}
+    groups = find_groups(signals, alone | {"A": replace(alone["A"], indices=indices)})
+    for group in groups:
+        assert group.candidates[0].loop != "A"
+        of_valve = next(one for one in group.candidates if one.loop == "A")
+        assert any("may stick, but an uneven wave" in text for text in of_valve.against)
+    assert groups or seed != 1
