@@ -115,4 +115,4 @@ def test_the_phase_margin_of_a_loop_that_is_not_stable_is_below_zero() -> None:
         size = np.abs(loop.open_loop(turns))
         phase = np.degrees(np.unwrap(np.angle(loop.open_loop(turns))))
         crossing = phase[:-1][(size[1:] < 1.0) & (size[:-1] >= 1.0)]
-        assert np.min(np.abs(crossing + 180.0 - margins.phase_deg)) < 1.0
+        assert np.min(np.abs(crossing + 180.0 - margins.phase_deg)) < 2.0
