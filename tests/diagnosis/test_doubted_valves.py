@@ -22,7 +22,7 @@ def uneven_triangle(seed: int) -> np.ndarray:
     """What a neighbour's sticky valve sends: halves of 25 scans that differ by a sixth."""
     rng = np.random.default_rng(seed)
     times = np.cumsum(25.0 * (1.0 + 0.16 * rng.standard_normal(80)))
-    return np.interp(np.arange(1500), times, 8.0 * (-1.0) ** np.arange(80))
+    return np.asarray(np.interp(np.arange(1500), times, 8.0 * (-1.0) ** np.arange(80)))
 
 
 @pytest.fixture(scope="module")
