@@ -13,8 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.diagnosis.settings import DIAGNOSIS
 from fieldlink.common_hours import clock_notes
-from fieldlink.diagnosis import Diagnosis, Group, LoopSignals, diagnose, find_groups
+from fieldlink.diagnosis import (
+    CauseName,
+    Diagnosis,
+    Group,
+    LoopSignals,
+    diagnose,
+    find_groups,
+)
 from fieldlink.errors import FieldlinkError
 from fieldlink.site.folded_warnings import shown
 from fieldlink.site.recorded_loops import distinct_names
@@ -32,6 +40,10 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
+_MOVED = (CauseName.TIGHT_TUNING, CauseName.EXTERNAL_OSCILLATION, CauseName.UNDETERMINED)
+"""Causes of a loop by itself that another loop, which moves it, may make."""
+_LIKELY = 0.5
+"""Weight of a group's first candidate from which it is likelier than all others together."""
 _KEPT = 20_000
 """Samples of a loop that are kept to find groups: a day at 4.3 s, a period of 20 s and slower."""
 
@@ -54,6 +66,22 @@ class Plant:
     signals: Mapping[str, LoopSignals]
     notes: tuple[str, ...] = ()
 
+    def source_of(self, name: str) -> str | None:
+        """The loop that likely makes another loop swing; None where its own cause is the word.
+
+        A loop that is moved by another at a period of its own resonance looks tightly tuned, or
+        swung from outside: which of them it is only the group tells.
+        """
+        found = self.loops[name]
+        if found.first.name not in _MOVED:
+            return None
+        for group in self.groups:
+            first = group.candidates[0]
+            is_other = name in group.loops and first.loop not in (None, name)
+            if is_other and first.weight >= _LIKELY and _has_period(found, group.period_s):
+                return first.loop
+        return None
+
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of ``fieldlink diagnose --json`` for several loops."""
         return {
@@ -62,6 +90,13 @@ class Plant:
             "refused": dict(self.refused),
             "notes": list(self.notes),
         }
+
+
+def _has_period(found: Diagnosis, period_s: float) -> bool:
+    """Whether a loop swings with a group's period, or has none of its own."""
+    swing = found.oscillation
+    same = DIAGNOSIS.grouping.width
+    return not swing.present or abs(swing.period_s / period_s - 1.0) < same
 
 
 Answer = tuple[Diagnosis, LoopSignals, tuple[str, ...]] | str

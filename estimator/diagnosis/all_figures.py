@@ -54,6 +54,7 @@ def _shares(
         "log_bayes_factor_sticky": math.nan,
         "log_bayes_factor_outside": math.nan,
         "log_bayes_factor_curved": math.nan,
+        "log_bayes_factor_over_uneven_wave": math.nan,
         "wave_beside_valve_period_s": math.nan,
         "share_without_sticking": math.nan,
         "share_without_tuning": math.nan,
@@ -65,6 +66,8 @@ def _shares(
         found["log_bayes_factor_sticky"] = explained.sticking
         found["log_bayes_factor_outside"] = explained.outside
         found["log_bayes_factor_curved"] = explained.curved
+        if explained.sticks and math.isfinite(explained.over_waves):
+            found["log_bayes_factor_over_uneven_wave"] = explained.over_waves
         if explained.wave is not None:
             found["wave_beside_valve_period_s"] = explained.wave.period_s
         found["share_without_sticking"] = min(1.0, explained.effect)

@@ -10,7 +10,13 @@ from estimator.diagnosis.no_cause import tell_no_cause, tell_unproven
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.slow_causes import find_slow
-from estimator.diagnosis.swing_causes import find_outside, find_tight, sticky_weight
+from estimator.diagnosis.swing_causes import (
+    VALVE_OR_OUTSIDE,
+    find_outside,
+    find_tight,
+    sticky_weight,
+    uneven_wave_words,
+)
 from estimator.diagnosis.tuning import Advice
 from estimator.diagnosis.wording import digits
 
@@ -18,7 +24,8 @@ __all__ = ["rank_causes"]
 
 _INFERRED = 0.9
 """Weight of what is inferred beside what shows itself, at the most, as a share of its weight: slow
-tuning beside a sticky valve or a wave from outside, a curved characteristic beside a limit."""
+tuning beside a sticky valve or a wave from outside, a curved characteristic beside a limit, and of
+a sticky valve and an uneven wave that stand for each other the less likely one."""
 
 _SCHEDULE_OVER_PV = (
     "Linearise: schedule the gain over PV or the set-point; until then tune for the range of the "
@@ -36,10 +43,17 @@ def rank_causes(
     )
     if not facts and _may_stick(found, settings):
         return (tell_unproven(found, settings),)
-    sticky, outside = _sticky(found), find_outside(found, settings)
+    sticky, outside = _sticky(found, settings), find_outside(found, settings)
+    if sticky is not None and outside is not None and found.doubts_valve(settings):
+        # they explain the same motion, and the less likely one comes second
+        assert found.explained is not None
+        if found.explained.over_waves < 0.0:
+            sticky = replace(sticky, weight=_INFERRED * sticky.weight)
+        else:
+            outside = replace(outside, weight=_INFERRED * outside.weight)
     slow = find_slow(found, settings, proposal)
     for shown in (sticky, outside):
-        if shown is not None and slow is not None:
+        if shown is not None and shown.weight >= settings.judging.told and slow is not None:
             # slow tuning is inferred from what these leave of the error
             slow = replace(slow, weight=min(slow.weight, _INFERRED * shown.weight))
     curved, limit = _characteristic(found, settings), _saturation(found, settings)
@@ -130,21 +144,25 @@ def _saturation(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     )
 
 
-def _sticky(found: Gathered) -> Cause | None:
+def _sticky(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     one = found.explained
     if one is None or not found.is_sticky:
         return None
-    return Cause(
-        CauseName.STICKY_VALVE,
-        sticky_weight(found),
-        (
-            f"a sticky valve explains PV better than any other explanation: log Bayes factor "
-            f"{one.sticking:.0f}, {one.spread:.0f} without the part of the record that shows it "
-            f"best",
-            f"stick band about {digits(one.band, 3)}, slip jump about {digits(one.jump, 3)} in "
-            f"units of OP",
-        ),
+    is_doubted = found.doubts_valve(settings)
+    than = "a healthy one" if is_doubted else "any other explanation"
+    evidence = [
+        f"a sticky valve explains PV better than {than}: log Bayes factor "
+        f"{one.sticking:.0f}, {one.spread:.0f} without the part of the record that shows it "
+        f"best",
+    ]
+    if is_doubted:
+        evidence.append(uneven_wave_words(found, settings))
+    evidence.append(
+        f"stick band about {digits(one.band, 3)}, slip jump about {digits(one.jump, 3)} in "
+        f"units of OP"
     )
+    action = VALVE_OR_OUTSIDE if is_doubted else ""
+    return Cause(CauseName.STICKY_VALVE, sticky_weight(found), tuple(evidence), action)
 
 
 def _may_stick(found: Gathered, settings: DiagnosisSettings) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 
 from compiled import innermost, kernel
 from estimator.algebra import dot
-from estimator.arrays import Array
+from estimator.arrays import Array, Index
 
 __all__ = ["fit_delays"]
 
@@ -19,7 +19,7 @@ _LANES = 16
 @kernel
 def fit_delays(
     y: Array, u: Array, process: tuple[float, float, float], top: Array, bottom: Array, late: int,
-    first: int, drifts: bool,
+    first: int, drifts: bool, out: Index,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Fit PV by OP behind a lag and each dead time, level (and straight line) left free.
 
@@ -31,6 +31,8 @@ def fit_delays(
         late: dead times, from 1 sample on.
         first: samples in which the filters settle, left out; at least ``late``.
         drifts: whether a straight line is free beside the level.
+        out: samples behind the first that do not count, ``(k,)``: what is whitened is left out
+            there, and goes on behind as it is.
 
     Returns:
         Sum of squares that is left, gain, and power of the whitened answer, each ``(late,)``.
@@ -39,6 +41,8 @@ def fit_delays(
     signals = np.empty((3 + drifts, n))
     _whiten(y, u, process, top, bottom, signals)
     answer, kept = signals[0], signals[1:]
+    for k in out:
+        kept[:, k] = 0.0
     target, levels = kept[0], kept[1:]
     for j in range(levels.shape[0]):
         for i in range(j):
@@ -47,6 +51,9 @@ def fit_delays(
         target -= dot(levels[j, first:], target[first:]) * levels[j]
     along = _products(kept, answer, first, late)
     powers = _powers(answer, first, late)
+    for k in out:
+        for d in range(late):
+            powers[d] -= answer[k - 1 - d] ** 2
     for j in range(levels.shape[0]):
         powers -= along[1 + j] ** 2
     powers = np.maximum(powers, _TINY)

@@ -95,7 +95,9 @@ def diagnose(
     explained, controller, proposal = found.explained, found.controller, None
     if advice and explained is not None and controller is not None:
         causes = rank_causes(found, settings)
-        proposal = propose(facts.cut, explained, controller, found.limits, causes, settings)
+        proposal = propose(
+            facts.cut, explained, controller, found.limits, causes, settings, has_gap=found.has_gap
+        )
     return Diagnosis(
         causes=rank_causes(found, settings, proposal),
         oscillation=swing,

@@ -29,6 +29,7 @@ from estimator.diagnosis.pv_curves import PvCurve
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
 from estimator.diagnosis.valve_evidence import judge_valve
+from estimator.evidence.piecewise_loads import fit_piecewise_loads
 from estimator.evidence.records import informed_share
 from estimator.evidence.sign import gain_sign, soonest_answer
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
@@ -71,6 +72,9 @@ class Explained:
             (an eighth, or a stroke where that is longer): a valve that sticks does so at every
             stroke, a jump of the load only once.
         sticks: whether the sticky valve is the explanation.
+        over_waves: by how many nats a sticky valve whose slips vary is likelier than a wave from
+            outside that swings unevenly; infinite where no such wave is likelier than the valve as
+            it is (`estimator.evidence.rival_waves`).
         effect: share of PV's variance that sticking makes.
         fitted: the likeliest explanation with the rows it was fitted on; None without one.
         beside_wave: the process as fitted beside a wave from outside, likely or not: what shows it
@@ -93,6 +97,7 @@ class Explained:
     spread: float = -math.inf
     effect: float = 0.0
     sticks: bool = False
+    over_waves: float = math.inf
     fitted: FittedWindow | None = None
     beside_wave: ProcessModel | None = None
     wave: OutsideWave | None = None
@@ -178,6 +183,7 @@ def explain(
         spread=valve.spread,
         effect=valve.effect,
         sticks=valve.sticks,
+        over_waves=valve.over_waves,
         fitted=FittedWindow(chosen.case, window, chosen.fit, late),
         beside_wave=None if swung is None else _model(window, swung, late),
         wave=wave,
@@ -231,6 +237,8 @@ def _without_valve(
     if curved >= least:
         under_long = under_long_noise(bent.case, bent.fit, masked, plain.fit, advising)
         curved = min(curved, under_long - bent.price)
+    if curved >= least:
+        curved = min(curved, _beside_steps(bent) - _beside_steps(plain))
     base, wave = plain, _best_wave(plain, cycles, weighing)
     if curved >= least:
         beside = _best_wave(bent, cycles, weighing)
@@ -250,6 +258,15 @@ def _without_valve(
         under_long = under_long_noise(wave.case, wave.fit, base.case, base.fit, advising)
         outside = min(outside, under_long - wave.price)
     return chosen, wave, outside, curved, jumps
+
+
+def _beside_steps(of: Rival) -> float:
+    """Likelihood of an explanation with a load of steps and lines, where one makes it likelier.
+
+    A few steps of the load take OP to places of its own, and a curve may stand for each of them.
+    """
+    loads = fit_piecewise_loads(of.case, (of.fit,), -math.inf)
+    return max(of.likelihood, *(one.likelihood - of.price for one in loads), -math.inf)
 
 
 def _best_wave(base: Rival, cycles: float, weighing: Weighing) -> Rival | None:

@@ -167,3 +167,13 @@ class Gathered:
     def is_sticky(self) -> bool:
         """Whether a sticky valve explains the record."""
         return self.explained is not None and self.explained.sticks
+
+    def is_read(self, settings: DiagnosisSettings) -> bool:
+        """Whether the controller is known well enough to close the loop with."""
+        one = self.controller
+        return one is not None and (one.timed or one.explained >= settings.judging.explains)
+
+    def doubts_valve(self, settings: DiagnosisSettings) -> bool:
+        """Whether a wave from outside that swings unevenly may stand for the sticky valve."""
+        one = self.explained
+        return one is not None and one.sticks and one.over_waves < settings.judging.threshold

@@ -41,7 +41,13 @@ from estimator.diagnosis.leading import chance_of_lead
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillations
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
-from estimator.diagnosis.sources import Candidate, GroupMembers, rank_candidates
+from estimator.diagnosis.sources import (
+    Candidate,
+    GroupMembers,
+    evidence_of_valve,
+    is_valve_doubted,
+    rank_candidates,
+)
 
 __all__ = ["Group", "find_groups"]
 
@@ -115,7 +121,9 @@ def find_groups(
     for i, seed in enumerate(swings):
         if i in used:
             continue
-        members = _members(seed, signals, spectra, swings, settings)
+        linked = {one.slave for one in cascades if one.master == seed.loop}
+        linked |= {one.master for one in cascades if one.slave == seed.loop}
+        members = _members(seed, signals, spectra, swings, linked, settings)
         if len(members) < 2:
             continue
         period = seed.found.period_s
@@ -158,10 +166,11 @@ def _swings_of(
     )
     causes = {cause.name for cause in diagnoses[name].causes}
     present = [found for found in all_found if found.present]
-    if CauseName.STICKY_VALVE not in causes:
+    # an uneven wave that may stand for the valve has a period like any other
+    if CauseName.STICKY_VALVE not in causes or is_valve_doubted(diagnoses[name]):
         is_tight = any(_is_tight(cause, settings) for cause in diagnoses[name].causes)
         return [_Swing(name, found, made=is_tight) for found in present]
-    nats = diagnoses[name].indices.get("log_bayes_factor_sticky", 0.0)
+    nats = evidence_of_valve(diagnoses[name], 0.0)
     if not present:
         # the motions of a loop whose valve sticks, regular or not, the main one first
         return [_Swing(name, found, irregular=True, made=True, sticking=nats)
@@ -217,9 +226,13 @@ def _members(
     signals: Mapping[str, LoopSignals],
     spectra: Mapping[str, LoopSpectrum],
     swings: list[_Swing],
+    linked: set[str],
     settings: DiagnosisSettings,
 ) -> set[str]:
-    """Loops that agree with the seed's oscillation; the seed alone where none does."""
+    """Loops that agree with the seed's oscillation; the seed alone where none does.
+
+    Loops ``linked`` with it in a cascade do not agree by chance.
+    """
     grouping, period = settings.grouping, seed.found.period_s
     # coupled loops follow by the same chance: each must be sure by itself
     motions = sum(one.loop == seed.loop for one in swings)
@@ -233,20 +246,23 @@ def _members(
     clear = {one.loop: one.found.prominence for one in swings}
     visible: dict[str, float] = {}
     hidden: dict[str, float] = {}
+    together = {seed.loop, *follow}
     for name, other in _others(seed, spectra):
         if name not in near and other.share(period, grouping.width) < grouping.share:
             continue
         found = agreement(spectra[seed.loop], other, period, grouping.width, np.zeros(1))
         if name in near and found.coherence > grouping.coherence:
+            if name in linked:
+                together.add(name)
             visible[name] = found.chance() - _log_periods(seed, settings)
         elif found.coherence > grouping.hidden:
             # a period of a loop that swings in several ways is told less well
             (visible if name in clear else hidden)[name] = found.chance()
     chosen = _surest(visible, seed.loop, clear, least)
     if not chosen:
-        return {seed.loop, *follow}
+        return together
     beside = (one for one, at in hidden.items() if at + tried < least)
-    return {seed.loop, *follow, *chosen, *beside}
+    return {*together, *chosen, *beside}
 
 
 def _others(

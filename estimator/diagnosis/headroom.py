@@ -3,9 +3,13 @@
 A loop whose load is smooth and a slow loop whose load jumps give nearly one control error. They
 differ in what the controller does to the noise of the transmitter and to fast loads: a fast loop
 shapes them after its dead time, a slow one leaves them as they are. That shows only where the noise
-model can be nothing but a load and a transmitter. Therefore a lag (or an integrator) with a dead
+model can be nothing but loads and a transmitter. Therefore a lag (or an integrator) with a dead
 time is fitted beside a load of one corner, entering before or behind the process, and white noise
 on PV. Every structure and dead time counts by its likelihood.
+
+Beside a slow load before the process there may be a fast one, white, whose share is free: plants
+have both. Without it a slow process with a fast valve, which answers sooner than it does, stands
+for what the fast load does, and a well-tuned loop seems to have room.
 
 The process may have a second lag, the load behind it two equal ones. A load before the process has
 one: OP itself is as smooth as a load of two, and whatever the process is, a load that mirrors OP
@@ -22,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Index
 from estimator.controller.controller import Controller
 from estimator.diagnosis.delay_loops import sensitivities
 from estimator.diagnosis.headroom_search import (
@@ -44,6 +48,8 @@ __all__ = ["headroom_of", "probability_of_headroom"]
 
 _GAIN_POINTS = np.array([-1.28, -0.52, 0.0, 0.52, 1.28])
 """Five equally likely points of a normal distribution: the gain is spread by its deviation."""
+_LOOKS = 6
+"""Looks for jumps of the load, each without those that the one before found."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,16 +130,19 @@ def probability_of_headroom(
     if size == 0.0 or not np.ptp(op) or not controller.integral_rate:
         return math.nan
     u, y = op - op.mean(), (pv - pv.mean()) / size
+    jumps = _load_jumps(u, y, settings)
     lag = max(2.0, controller.integral_time_s / period)
-    start = np.log([lag, settings.corner, settings.noise])
-    moves = np.vstack([np.zeros(3), np.diag(settings.reach)])
+    start = np.log([lag, settings.white, settings.corner, settings.noise])
     weights, ratios = [], []
     for structure in _structures(settings):
-        # an integrator has no lag
-        free = int(structure.integrating)
-        simplex = start[free:] + moves[[0, *range(free + 1, 4)], free:]
-        found = least_numbers(simplex, structure.kind, y, u, _bounds(settings), settings.tries)
-        fitted = _fit(found, structure, y, u, settings)
+        # an integrator has no lag, and what is white behind the process is noise
+        has = np.array([not structure.integrating, not structure.behind, True, True])
+        moves = np.vstack([np.zeros(int(has.sum())), np.diag(np.array(settings.reach)[has])])
+        simplex = start[has] + moves
+        found = least_numbers(
+            simplex, structure.kind, y, u, _bounds(settings), jumps, settings.tries
+        )
+        fitted = _fit(found, structure, y, u, jumps, settings)
         if fitted is None:
             continue
         gains = size * (fitted.gains[:, None] + _GAIN_POINTS * fitted.deviations[:, None])
@@ -149,16 +158,21 @@ def _bounds(settings: Headroom) -> Bounds:
 
 
 def _share_of_slow(weights: list[Array], ratios: list[Array], settings: Headroom) -> float:
-    """Share of the probability (logarithms ``(d,)``) whose headroom ``(d, g)`` is large, or NaN."""
+    """Share of the probability (logarithms ``(d,)``) whose headroom ``(d, g)`` is large, or NaN.
+
+    A process that hardly moves PV leaves room without end: there loads alone explain PV, which is
+    no news of how fast the loop is. Half of that counts.
+    """
     if not ratios:
         return math.nan
     ratio = np.concatenate(ratios)
     weight = np.concatenate(weights)[:, None] + np.zeros(ratio.shape)
+    is_slow = np.where(ratio > settings.most, 0.5, ratio >= settings.slower)
     counts = np.isfinite(ratio)
     if not counts.any():
         return math.nan
     chances = np.exp(weight[counts] - weight[counts].max())
-    return float(np.average(ratio[counts] >= settings.slower, weights=chances))
+    return float(np.average(is_slow[counts], weights=chances))
 
 
 def _headrooms(
@@ -196,12 +210,39 @@ def _time(pole: float) -> float:
     return -1.0 / math.log(pole) if pole > 0.0 else 0.0
 
 
+def _load_jumps(u: Array, y: Array, settings: Headroom) -> Index:
+    """Samples ``(k,)`` in which the load jumps: PV is far from what its and OP's past tell.
+
+    A load of one corner does not jump. One sample in which it does outweighs hundreds that show
+    the loop, and a fast process whose controller is slow would answer it as it comes. None where
+    there are too many: such are the load.
+    """
+    past, late = settings.past, settings.dead_times + 1
+    at = np.arange(settings.first, y.size)
+    rows = np.stack(
+        [*(y[at - i] for i in range(1, past + 1)), *(u[at - i] for i in range(1, late + 1)),
+         np.ones(at.size)],
+        axis=1,
+    )  # fmt: skip
+    used = np.ones(at.size, dtype=bool)
+    for _ in range(_LOOKS):
+        law = np.linalg.lstsq(rows[used], y[at][used], rcond=None)[0]
+        left = np.abs(y[at] - rows @ law)
+        now = left <= settings.jump * float(np.median(left[used])) / 0.6745
+        if (now == used).all():
+            break
+        used = now
+    if np.mean(~used) > settings.most_jumps:
+        return at[:0]
+    return at[~used]
+
+
 def _fit(
-    numbers: Array, structure: _Structure, y: Array, u: Array, settings: Headroom
+    numbers: Array, structure: _Structure, y: Array, u: Array, out: Index, settings: Headroom
 ) -> _Fitted | None:
-    """The gain at every dead time, level and straight line left free."""
+    """The gain at every dead time, level and straight line left free, samples ``out`` left out."""
     if np.abs(numbers).max() > settings.farthest:
         return None
-    squares, gains, powers = fit_numbers(numbers, structure.kind, y, u, _bounds(settings))
-    n = y.size - settings.first
+    squares, gains, powers = fit_numbers(numbers, structure.kind, y, u, _bounds(settings), out)
+    n = y.size - settings.first - out.size
     return _Fitted(0.5 * n * np.log(squares / n), gains, np.sqrt(squares / n / powers))

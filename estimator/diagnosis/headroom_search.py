@@ -1,4 +1,4 @@
-"""The compiled search behind `estimator.diagnosis.headroom`: lag, corner and noise of least cost.
+"""The compiled search behind `estimator.diagnosis.headroom`: lag, loads and noise of least cost.
 
 A search asks for a hundred fits, each of which takes a few microseconds: it is one kernel, so that
 none of them waits for Python.
@@ -50,16 +50,18 @@ def _pole(time: float) -> float:
 
 @kernel
 def fit_numbers(
-    numbers: Array, kind: Kind, y: Array, u: Array, bounds: Bounds
+    numbers: Array, kind: Kind, y: Array, u: Array, bounds: Bounds, out: Index
 ) -> tuple[Array, Array, Array]:
     """The gain at every dead time, level and straight line left free; see `fit_delays`.
 
     Args:
-        numbers: logarithms of the lag (of a process that has one), of the load's corner, both in
-            samples, and of the noise's variance over the load's.
+        numbers: logarithms of the lag in samples (of a process that has one), of the variance of a
+            white load over the slow one's (of loads before the process), of the slow load's corner
+            in samples, and of the noise's variance over the slow load's.
         kind: the structure.
         y: PV, ``(n,)``; u: OP, ``(n,)``.
         bounds: see `Bounds`.
+        out: samples that do not count, ``(k,)``, behind those in which the filters settle.
     """
     order, behind, integrating, _ = kind
     process = process_poles(numbers, kind)
@@ -70,24 +72,25 @@ def fit_numbers(
         poles[order] = process[0]
         if process[2] > 0.0:
             poles[order + 1] = process[2]
-    top, bottom = poles_product(poles), whitening_numerator(poles, math.exp(numbers[-1]))
+    white = 0.0 if behind else math.exp(numbers[-3])
+    top, bottom = poles_product(poles), whitening_numerator(poles, math.exp(numbers[-1]), white)
     late, first, _ = bounds
-    return fit_delays(y, u, process, top, bottom, late, first, integrating)
+    return fit_delays(y, u, process, top, bottom, late, first, integrating, out)
 
 
 @kernel
-def _cost(numbers: Array, kind: Kind, y: Array, u: Array, bounds: Bounds) -> float:
+def _cost(numbers: Array, kind: Kind, y: Array, u: Array, bounds: Bounds, out: Index) -> float:
     """Minus the log-likelihood of the likeliest dead time."""
     _, first, farthest = bounds
     if np.abs(numbers).max() > farthest:
         return _IMPOSSIBLE
-    n = y.size - first
-    return 0.5 * n * math.log(fit_numbers(numbers, kind, y, u, bounds)[0].min() / n)
+    n = y.size - first - out.size
+    return 0.5 * n * math.log(fit_numbers(numbers, kind, y, u, bounds, out)[0].min() / n)
 
 
 @kernel
 def least_numbers(
-    corners: Array, kind: Kind, y: Array, u: Array, bounds: Bounds, tries: int
+    corners: Array, kind: Kind, y: Array, u: Array, bounds: Bounds, out: Index, tries: int
 ) -> Array:
     """The numbers ``(m,)`` of least cost, from a simplex ``(m + 1, m)`` downhill.
 
@@ -99,7 +102,7 @@ def least_numbers(
     tried = 0
     for i in range(m + 1):
         if tried < tries:
-            costs[i] = _cost(simplex[i], kind, y, u, bounds)
+            costs[i] = _cost(simplex[i], kind, y, u, bounds, out)
             tried += 1
     simplex, costs = _sorted(simplex, costs)
     while tried < tries:
@@ -111,7 +114,7 @@ def least_numbers(
         middle /= m
         worst = simplex[m].copy()
         moved = 2.0 * middle - worst
-        cost = _cost(moved, kind, y, u, bounds)
+        cost = _cost(moved, kind, y, u, bounds, out)
         tried += 1
         if costs[0] <= cost < costs[m - 1]:
             simplex[m], costs[m] = moved, cost
@@ -124,7 +127,7 @@ def least_numbers(
                 other = 1.5 * middle - 0.5 * worst
             else:
                 other = 0.5 * middle + 0.5 * worst
-            found = _cost(other, kind, y, u, bounds)
+            found = _cost(other, kind, y, u, bounds, out)
             tried += 1
             if is_best and not found < cost:
                 simplex[m], costs[m] = moved, cost
@@ -135,7 +138,7 @@ def least_numbers(
                     simplex[i] = simplex[0] + 0.5 * (simplex[i] - simplex[0])
                     if tried == tries:
                         break
-                    costs[i] = _cost(simplex[i], kind, y, u, bounds)
+                    costs[i] = _cost(simplex[i], kind, y, u, bounds, out)
                     tried += 1
         simplex, costs = _sorted(simplex, costs)
     best: Array = simplex[0].copy()

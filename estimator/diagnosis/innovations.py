@@ -2,7 +2,8 @@
 
 The spectrum of load plus noise is that of one white signal through one filter (Ljung 1999, section
 2.3). In ``w = |1 - q^-1|^2`` a pole ``p`` has the spectrum ``(1 - p)^2 + p w``: a coefficient of
-the sum is a sum of positive numbers, so slow loads, whose zeros crowd at 1, cost no digits.
+the sum is a sum of positive numbers, so slow loads, whose zeros crowd at 1, cost no digits. A
+second load without a corner, a white one, adds the corner's factor of that sum.
 """
 
 from __future__ import annotations
@@ -60,12 +61,15 @@ def poles_product(poles: Array) -> Array:
 
 
 @kernel
-def whitening_numerator(poles: Array, noise: float) -> Array:
+def whitening_numerator(poles: Array, noise: float, white: float) -> Array:
     """The numerator ``(m + 1,)``, 1 first, whose spectrum over the load's is load plus noise.
 
     Args:
-        poles: of the load, 0 to 1, ``(m,)``, three at most.
+        poles: of the load, 0 to 1, ``(m,)``, three at most; its own corner first, then those of
+            the process that it passes.
         noise: variance of the noise over the load's; above zero.
+        white: variance of a second load without a corner, behind the same process, over that of
+            the first; 0 for none.
     """
     spectrum = np.zeros(poles.size + 1)
     spectrum[0] = noise
@@ -75,6 +79,10 @@ def whitening_numerator(poles: Array, noise: float) -> Array:
             if i > 0:
                 spectrum[i] += poles[m] * spectrum[i - 1]
     spectrum[0] += 1.0 / power_of_load(poles_product(poles))
+    if white > 0.0:
+        level = white / power_of_load(poles_product(poles[1:]))
+        spectrum[0] += level * (1.0 - poles[0]) ** 2
+        spectrum[1] += level * poles[0]
     product = np.zeros(poles.size + 1, dtype=np.complex128)
     product[0] = 1.0
     for w in _roots(spectrum):

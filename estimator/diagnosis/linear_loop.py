@@ -37,7 +37,8 @@ class Margins:
 
     Attributes:
         gain: factor on the gain that makes the loop swing for ever; infinite where none does.
-        phase_deg: phase margin in degrees; infinite where the gain never reaches one.
+        phase_deg: phase margin in degrees, below zero where the loop swings ever wider; infinite
+            where the gain never reaches one.
         sensitivity: largest amplification of a disturbance, Ms; SIMC's loops have 1.6 to 1.7.
         frequency: where Ms is, cycles a sample.
         stable: whether all closed-loop poles are inside the unit circle.
@@ -133,12 +134,13 @@ class LinearLoop:
         largest = float(np.max(-found.real[1:][turned])) if turned.any() else 0.0
         size = np.abs(found)
         falls = (size[1:] < 1.0) & (size[:-1] >= 1.0)
-        angles = np.degrees(np.angle(found[1:][falls])) + 180.0
+        # of the open loop turned by half a circle: below zero where the loop is not stable
+        angles = np.degrees(np.angle(-found[1:][falls]))
         amplified = np.abs(1.0 / (1.0 + found))
         at = int(np.argmax(amplified))
         return Margins(
             gain=1.0 / largest if largest > 0.0 else math.inf,
-            phase_deg=float(np.min(np.abs(angles))) if angles.size else math.inf,
+            phase_deg=float(angles[np.argmin(np.abs(angles))]) if angles.size else math.inf,
             sensitivity=float(amplified[at]),
             frequency=float(_GRID[at]),
             stable=bool(np.abs(self.closed_poles()).max(initial=0.0) < 1.0),

@@ -9,13 +9,14 @@ from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.slow_causes import (
     headroom_words,
-    is_read,
     is_surely_slow,
+    slow_action,
     slow_or_not,
     too_long,
 )
 from estimator.diagnosis.swing_causes import is_aperiodic
 from estimator.diagnosis.wording import digits
+from estimator.outcomes import Reason, ReasonCode
 
 __all__ = ["tell_no_cause", "tell_unproven"]
 
@@ -33,7 +34,7 @@ def tell_no_cause(found: Gathered, settings: DiagnosisSettings) -> Cause:
         )
     # the loop is only known not to make it where the process shows
     shows = found.explained is not None and found.explained.process >= settings.judging.threshold
-    shows &= is_read(found, settings)
+    shows &= found.is_read(settings)
     if not swing.present or (shows and is_aperiodic(found, settings)):
         return _at_rest(found, settings)
     return _swinging(found, settings, shows=shows)
@@ -47,8 +48,9 @@ def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
                      "Give PV and SP of the same hours.")  # fmt: skip
     if found.drawn is not None:
         text = "nothing oscillates; whether the loop is slow or tight does not show"
-        return Cause(CauseName.UNDETERMINED, 0.0, (text, found.drawn.text), found.drawn.advice)
-    if found.controller is None or not (found.controller.integral_rate or is_read(found, settings)):
+        why, advice = _hidden(found, found.drawn)
+        return Cause(CauseName.UNDETERMINED, 0.0, (text, why), advice)
+    if found.controller is None or not (found.controller.integral_rate or found.is_read(settings)):
         # a gain that explains little of OP's moves tells no controller
         text = (
             "nothing oscillates, and OP does not answer the control error: a hand moves it, or "
@@ -60,7 +62,8 @@ def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
         )  # fmt: skip
     if is_surely_slow(found, settings):
         words = (headroom_words(found, settings),)
-        return Cause(CauseName.SLOW_TUNING, too_long(settings), words)
+        action = slow_action(found, settings)
+        return Cause(CauseName.SLOW_TUNING, too_long(settings), words, action)
     slow = found.controller.integral_time_s
     if settings.judging.seen * found.duration_s < slow < math.inf:
         long = f"{digits(slow, 4)} s"
@@ -82,7 +85,32 @@ def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
             f"{digits(swing.period_s, 4)} s (regularity {digits(swing.regularity, 2)}); no cause "
             f"explains a twentieth of the control error"
         ]
+    _, peak = found.amplification()
+    one = found.explained
+    is_known = one is not None and one.process >= 2.0 * settings.judging.threshold
+    if is_known and found.is_read(settings) and peak > settings.judging.tight:
+        evidence.append(
+            f"by the process that shows, Ms is {digits(peak, 2)} (well-tuned loops 1.4 to 2): with "
+            f"more gain it would swing"
+        )
+    if found.headroom >= settings.judging.likely:
+        evidence.append(
+            f"{headroom_words(found, settings)}; the error is over within an integral time "
+            f"all the same"
+        )
     return Cause(CauseName.QUIET, 1.0, tuple(evidence))
+
+
+def _hidden(found: Gathered, reason: Reason) -> tuple[str, str]:
+    """Why a record shows no more, and what to do; steps of PV look like a historian's lines."""
+    sensor = found.sensor
+    if reason.code is ReasonCode.RECORD_INTERPOLATED and sensor is not None and sensor.step > 0.0:
+        text = (
+            f"PV moves in steps of {digits(sensor.step, 2)} standard deviations of the control "
+            f"error: what happens between them does not show"
+        )
+        return text, CauseName.SENSOR.action
+    return reason.text, reason.advice
 
 
 def _swinging(found: Gathered, settings: DiagnosisSettings, *, shows: bool) -> Cause:
@@ -99,11 +127,18 @@ def _swinging(found: Gathered, settings: DiagnosisSettings, *, shows: bool) -> C
         evidence.append("PV is not given: OP alone does not tell the cause")
         action = "Give PV and SP of the same hours."
     elif found.explained is not None and found.explained.reasons:
-        evidence += [reason.text for reason in found.explained.reasons]
-        action = found.explained.reasons[0].advice
+        hidden = [_hidden(found, reason) for reason in found.explained.reasons]
+        evidence += [text for text, _ in hidden]
+        action = hidden[0][1]
     elif found.controller is None:
         evidence.append("OP does not answer the control error: no controller can be read off")
-    elif not is_read(found, settings):
+    elif found.has_gap:
+        evidence.append(
+            f"OP stands still while the error is within {digits(found.gap, 3)}: in such a gap of "
+            f"the controller a loop may swing by itself, or be swung from outside"
+        )
+        action = "Check that the gap is meant; take it out for a few periods and diagnose again."
+    elif not found.is_read(settings):
         evidence.append(
             f"the controller's settings as read off explain {found.controller.explained:.0%} of "
             f"OP's moves: too little to tell whether the loop swings by itself"
@@ -135,7 +170,12 @@ def tell_unproven(found: Gathered, settings: DiagnosisSettings) -> Cause:
         f"a sticky valve explains PV better than any other explanation (log Bayes factor "
         f"{one.sticking:.0f}), "
     )
-    if one.sticking < settings.judging.threshold:
+    if one.sticks:
+        text += (
+            f"but sticking makes only {one.effect:.1%} of PV's variance, and what no model knows "
+            f"of a loop may make as much"
+        )
+    elif one.sticking < settings.judging.threshold:
         text += f"but {settings.judging.threshold:g} are needed"
     else:
         text += "but too few strokes of the record show it"

@@ -26,18 +26,26 @@ def propose(
     limits: Limits,
     causes: tuple[Cause, ...],
     settings: DiagnosisSettings,
+    *,
+    has_gap: bool = False,
 ) -> Advice | None:
-    """Return settings and what they would do to the record ``cut``; None where none make sense."""
+    """Return settings and what they would do to the record ``cut``; None where none make sense.
+
+    ``has_gap``: whether the controller leaves small errors as they are.
+    """
     # not one linear process, PV is not the process's own, or it is not known what moves it
     names, first = [cause.name for cause in causes], causes[0].name
     if CauseName.CHARACTERISTIC in names or CauseName.SENSOR in names:
         return None
-    if first is CauseName.UNDETERMINED:
+    if first is CauseName.UNDETERMINED or explained.over_waves < settings.judging.threshold:
         return None
     # a tuning that swings drives OP to its limits; else they are what the load asks for
     if CauseName.SATURATION in names and first is not CauseName.TIGHT_TUNING:
         return None
     if explained.fitted is None:
+        return None
+    if has_gap:
+        # what is simulated has none
         return None
     assert cut.pv is not None
     assert cut.error is not None

@@ -200,12 +200,17 @@ class Headroom:
             one (tuning family: with them, and without loads as smooth as OP, the log loss over
             74 slow and well-tuned loops falls from 63 to 41 nats).
         swings: Ms beyond which the running loop would swing; such a loop is not judged here.
-        corner: first corner time of the load, samples; noise: first variance of the noise over the
-            load's.
-        reach: first steps of the logarithms of lag, corner and noise.
+        most: the same factor beyond which no process shows: a controller that slow would not move
+            PV, and loads alone explain it.
+        corner: first corner time of the load, samples; white, noise: first variances of the white
+            load and of the noise over that of the load.
+        reach: first steps of the logarithms of lag, white load, corner and noise.
         farthest: largest logarithm that is tried.
         tries: fits of a structure.
         dead_times: longest dead time, samples.
+        past: past values of PV, beside OP's over the longest dead time, that tell PV where the load
+            does not jump; jump: robust deviations beyond which it does; most_jumps: share of
+            samples that may be left out for it: as in `Weighing`.
         first: samples in which the filters settle.
         least: samples of a stretch in automatic and within limits from which it is asked: four
             times those in which the filters settle.
@@ -214,12 +219,17 @@ class Headroom:
     slower: float = 3.0
     seconds: tuple[float, ...] = (0.3, 1.0)
     swings: float = 2.2
+    most: float = 50.0
     corner: float = 25.0
+    white: float = 0.1
     noise: float = 0.02
-    reach: tuple[float, float, float] = (0.8, 0.8, 2.0)
+    reach: tuple[float, float, float, float] = (0.8, 2.0, 0.8, 2.0)
     farthest: float = 18.0
-    tries: int = 120
+    tries: int = 160
     dead_times: int = 25
+    past: int = 8
+    jump: float = 5.0
+    most_jumps: float = 0.05
     first: int = 60
     least: int = 240
 

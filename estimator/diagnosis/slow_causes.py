@@ -13,7 +13,20 @@ from estimator.diagnosis.swing_causes import find_outside, find_tight
 from estimator.diagnosis.tuning import Advice
 from estimator.diagnosis.wording import digits
 
-__all__ = ["find_slow", "headroom_words", "is_read", "is_surely_slow", "slow_or_not", "too_long"]
+__all__ = [
+    "find_slow",
+    "headroom_words",
+    "is_surely_slow",
+    "slow_action",
+    "slow_or_not",
+    "too_long",
+]
+
+_STEP_FIRST = (
+    "Step the set-point once and diagnose again before it is retuned: a load that goes on ramping "
+    "makes the same error."
+)
+"""What comes first where PV hardly follows OP, so that only the error tells a slow tuning."""
 
 
 def find_slow(
@@ -45,7 +58,7 @@ def find_slow(
         evidence = [
             f"{one:.0%} of the control error can be predicted one integral time "
             f"({digits(controller.integral_time_s, 3)} s) ahead{further}; a loop that "
-            f"settles within its integral time has no such error",
+            f"settles within its integral time has no such error, unless its load goes on changing",
         ]
         weight = min(1.0, max(one, two))
     elif outside is not None and is_surely_slow(found, settings):
@@ -63,7 +76,15 @@ def find_slow(
     if removable >= judging.removable:
         evidence.append(f"robust settings would remove {removable:.0%} of the squared error")
     shared = found.limits.cost + (found.swing_share if found.swing.present else 0.0)
-    return Cause(CauseName.SLOW_TUNING, weight * max(0.0, 1.0 - shared), tuple(evidence))
+    weight *= max(0.0, 1.0 - shared)
+    return Cause(CauseName.SLOW_TUNING, weight, tuple(evidence), slow_action(found, settings))
+
+
+def slow_action(found: Gathered, settings: DiagnosisSettings) -> str:
+    """What to do about a slow tuning."""
+    usual = CauseName.SLOW_TUNING.action
+    is_shown = not math.isnan(found.removable_where_known(settings))
+    return usual if is_shown else f"{_STEP_FIRST} {usual}"
 
 
 def _lingers(found: Gathered, settings: DiagnosisSettings) -> bool | None:
@@ -97,7 +118,7 @@ def is_surely_slow(found: Gathered, settings: DiagnosisSettings) -> bool:
     # the room for gain is that of a healthy valve
     if little or found.has_gap or (one is not None and one.sticking >= unsure):
         return False
-    if not is_read(found, settings):
+    if not found.is_read(settings):
         return False
     return found.headroom >= settings.judging.surely
 
@@ -150,9 +171,3 @@ def slow_or_not(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         evidence,
         "Step the set-point once: the answer shows whether the loop is slow.",
     )
-
-
-def is_read(found: Gathered, settings: DiagnosisSettings) -> bool:
-    """Whether the controller is known well enough to close the loop with."""
-    one = found.controller
-    return one is not None and (one.timed or one.explained >= settings.judging.explains)

@@ -26,7 +26,7 @@ from estimator.diagnosis.result import CauseName, Diagnosis
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.wording import digits
 
-__all__ = ["Candidate", "GroupMembers", "rank_candidates"]
+__all__ = ["Candidate", "GroupMembers", "evidence_of_valve", "is_valve_doubted", "rank_candidates"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +171,23 @@ def _add_leads(
         )
 
 
+_OVER_WAVE = "log_bayes_factor_over_uneven_wave"
+
+
+def evidence_of_valve(of: Diagnosis, unknown: float) -> float:
+    """Nats for a sticky valve over every other explanation, an uneven wave from outside included.
+
+    ``unknown`` where the diagnosis does not have them.
+    """
+    figures = (of.indices.get(name, math.nan) for name in ("log_bayes_factor_sticky", _OVER_WAVE))
+    return min((one for one in figures if not math.isnan(one)), default=unknown)
+
+
+def is_valve_doubted(of: Diagnosis) -> bool:
+    """Whether an uneven wave from outside may stand for the sticky valve of a loop."""
+    return not math.isnan(of.indices.get(_OVER_WAVE, math.nan))
+
+
 def _is_of_group(wave_s: float, period_s: float, settings: DiagnosisSettings) -> bool:
     """Whether a wave has the group's period, or is a harmonic of what the group has."""
     grouping = settings.grouping
@@ -202,9 +219,13 @@ def _own_cause(
                 f"group has it: that began elsewhere"
             )  # fmt: skip
         # a victim's steps look like strokes as well, but explain its PV by far less
-        nats = diagnosis.indices.get("log_bayes_factor_sticky", math.nan)
-        more = grouping.evident * math.log(nats / grouping.usual) if nats > 0.0 else 0.0
-        score = grouping.sticky + more
+        nats = evidence_of_valve(diagnosis, grouping.usual)
+        score = grouping.sticky + grouping.evident * math.log(max(1.0, nats) / grouping.usual)
+        if is_valve_doubted(diagnosis):
+            return score, score > grouping.outside, (
+                f"its valve may stick, but an uneven wave from outside, as another loop would make "
+                f"it, explains its PV about as well (log Bayes factor of the valve {nats:.0f})"
+            )  # fmt: skip
         return score, score > grouping.outside, f"its valve sticks: {sticky.evidence[0]}"
     amplified = diagnosis.indices.get("amplification_at_period", math.nan)
     is_unsure = diagnosis.first.name is CauseName.UNDETERMINED and amplified > judging.tight

@@ -10,7 +10,20 @@ from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.wording import digits
 
-__all__ = ["find_outside", "find_tight", "is_aperiodic", "sticky_weight"]
+__all__ = [
+    "VALVE_OR_OUTSIDE",
+    "find_outside",
+    "find_tight",
+    "is_aperiodic",
+    "sticky_weight",
+    "uneven_wave_words",
+]
+
+VALVE_OR_OUTSIDE = (
+    "Before the valve is opened, put the loop in manual for a few periods: an oscillation that "
+    "goes on comes from outside, one that ends is the valve's."
+)
+"""What tells a sticky valve from an uneven wave, where the record does not."""
 
 _LENGTHEN = (
     "Lengthen the integral time: at the period of the oscillation integral action is the larger "
@@ -27,7 +40,24 @@ def sticky_weight(found: Gathered) -> float:
     """Weight of a sticky valve: the share of PV's motion that it makes."""
     assert found.explained is not None
     swings = found.swing.share if found.swing.present else 0.0
-    return min(1.0, max(found.explained.effect, swings, 0.3))
+    return min(1.0, max(found.explained.effect, swings))
+
+
+def uneven_wave_words(found: Gathered, settings: DiagnosisSettings) -> str:
+    """Say that a wave from outside that swings unevenly may stand for the sticky valve."""
+    assert found.explained is not None
+    over = found.explained.over_waves
+    if over < 0.0:
+        return (
+            f"a wave from outside that swings unevenly explains PV better than a sticky valve whose"
+            f" slips vary (log Bayes factor {-over:.0f}), but it also fits a valve whose friction "
+            f"changes from slip to slip: either is possible"
+        )
+    return (
+        f"a wave from outside that swings unevenly explains PV about as well as a sticky valve "
+        f"whose slips vary (log Bayes factor of the valve {over:.0f}, "
+        f"{settings.judging.threshold:g} are needed): either is possible"
+    )
 
 
 def is_aperiodic(found: Gathered, settings: DiagnosisSettings) -> bool:
@@ -115,6 +145,9 @@ def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     controller = found.controller
     if one is None or found.loop is None or controller is None or found.is_sticky:
         return None
+    if found.has_gap:
+        # within the gap the loop is open: it is not the linear one of the settings read off
+        return None
     if one.sticking > settings.judging.unsure:
         # the process of a healthy valve says little where a sticky one is likelier
         return None
@@ -150,10 +183,15 @@ def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     )
     figures = ", ".join(text for text, value in known if math.isfinite(value))
     is_integral = _swing_period_s(found) > 2.0 * math.pi * controller.integral_time_s
+    rough = (
+        f"the controller's settings as read off explain only {controller.explained:.0%} of OP's "
+        f"moves: these figures are rough"
+    )
+    said = (*evidence, figures if figures else "", "" if found.is_read(settings) else rough)
     return Cause(
         CauseName.TIGHT_TUNING,
         min(1.0, weight),
-        (*evidence, figures) if figures else evidence,
+        tuple(filter(None, said)),
         _LENGTHEN if is_integral else "",
     )
 
@@ -169,6 +207,13 @@ def _swing_period_s(found: Gathered) -> float:
 def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     """An oscillation from outside, if the record shows one; None if not."""
     one, swing = found.explained, found.swing
+    if found.doubts_valve(settings):
+        return Cause(
+            CauseName.EXTERNAL_OSCILLATION,
+            sticky_weight(found),
+            (uneven_wave_words(found, settings),),
+            f"{VALVE_OR_OUTSIDE} {CauseName.EXTERNAL_OSCILLATION.action}",
+        )
     if one is not None and one.wave is not None:
         # the valve's own cycle comes before it: the wave alone would leave the valve unexplained
         return Cause(
@@ -196,7 +241,9 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         )
     if not swing.present or not found.has_pv or found.is_sticky:
         return None
-    if found.setpoint_swings:
+    # the loop follows a set-point that swings; a wave that PV shows beside that comes by itself
+    enters = one is not None and one.outside >= settings.judging.threshold
+    if found.setpoint_swings and not enters:
         return Cause(
             CauseName.EXTERNAL_OSCILLATION,
             swing.share,
@@ -211,6 +258,9 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     # a process that is fitted to a steady wave takes it for its own resonance
     is_swung = here > judging.tight and beside <= judging.well and not _is_noise(found, settings)
     outside = _outside(found, settings)
+    if one.sticking > max(judging.unsure, outside):
+        # a sticky valve explains it better, if not by enough for a verdict
+        return None
     if not is_swung:
         if outside < judging.unsure and (here > judging.tight or found.loop is None):
             return None
@@ -240,5 +290,10 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     elif here <= judging.tight:
         evidence.append(
             f"the loop amplifies disturbances of this period only {digits(here, 2)} times"
+        )
+    if found.setpoint_swings:
+        evidence.append(
+            "the set-point oscillates too, but what PV does beside OP does not come from there: a "
+            "master that answers this loop swings with it"
         )
     return Cause(CauseName.EXTERNAL_OSCILLATION, swing.share, tuple(evidence))

@@ -35,6 +35,7 @@ class ValveEvidence:
         evidence, spread: see `Explained.sticking` and `Explained.spread`.
         effect: share of PV's variance that sticking makes.
         sticks: whether all of it is enough for a verdict.
+        over_waves: see `Explained.over_waves`.
     """
 
     fit: Hypothesis | None = None
@@ -42,6 +43,7 @@ class ValveEvidence:
     spread: float = -math.inf
     effect: float = 0.0
     sticks: bool = False
+    over_waves: float = math.inf
 
 
 def judge_valve(
@@ -108,7 +110,14 @@ def judge_valve(
         and sticky.valve.band >= screening.min_band
         and (strokes >= enough or spread >= from_there)
     )
-    return ValveEvidence(sticky, evidence, spread, effect_of(case, sticky), sticks), plain
+    # a valve that was found in another search is likelier than the one that was compared
+    over_waves = found.over_waves
+    if found.sticky is not None:
+        over_waves += sticky.likelihood - found.sticky.likelihood
+    return (
+        ValveEvidence(sticky, evidence, spread, effect_of(case, sticky), sticks, over_waves),
+        plain,
+    )
 
 
 def _search_again(case: Case, sticky: Hypothesis, other: Case) -> Hypothesis:

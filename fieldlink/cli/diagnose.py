@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fieldlink.diagnosis import Cause, Diagnosis
     from fieldlink.site.recording import Recording
 
-__all__ = ["diagnose"]
+__all__ = ["diagnose", "print_plant"]
 
 
 def diagnose(
@@ -89,7 +89,7 @@ def diagnose(
     if as_json:
         typer.echo(json.dumps(plant.to_dict(), allow_nan=False))
     else:
-        _print_plant(plant)
+        print_plant(plant)
     if plot is not None and plant.groups:
         from fieldlink.diagnosis_pictures import group_figure
         from fieldlink.pictures import save
@@ -193,7 +193,10 @@ def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
             terms.append(f"integral time {one.integral_time_s:.4g} s")
         if one.derivative_time_s:
             terms.append(f"derivative time {one.derivative_time_s:.3g} s")
-        table.add_row("controller", ", ".join([*terms, f"{one.action} acting"]))
+        terms.append(f"{one.action} acting")
+        if not one.timed:
+            terms.append(f"as read off: explains {one.explained:.0%} of OP's moves")
+        table.add_row("controller", ", ".join(terms))
     if (tuning := found.tuning) is not None:
         for label, one in (
             ("proposed", tuning),
@@ -238,7 +241,8 @@ def _settings_in_words(one: Mapping[str, Any], all_of_it: Mapping[str, Any]) -> 
     )
 
 
-def _print_plant(plant: Plant) -> None:
+def print_plant(plant: Plant) -> None:
+    """Print loops, the heaviest cause on top, and the groups with their likeliest sources."""
     from rich.table import Table
     from rich.text import Text
 
@@ -248,13 +252,16 @@ def _print_plant(plant: Plant) -> None:
     table = Table("loop", "cause", "of its trouble", "period / s", "why, and what to do")
     for name, found in sorted(plant.loops.items(), key=lambda one: _urgency(one[1])):
         swing, first = found.oscillation, found.first
-        todo = "" if first.name.value == "quiet" else f"\n→ {first.action}"
+        why, todo = first.evidence[0], "" if first.name.value == "quiet" else first.action
+        if (source := plant.source_of(name)) is not None:
+            why = f"it swings with {source}, the likeliest source (below); by itself: {why}"
+            todo = f"Put {source} right first, then diagnose this loop again."
         table.add_row(
             name,
             first.name.words,
             _part_of(first),
             f"{swing.period_s:.4g}" if swing.present else "",
-            first.evidence[0] + todo,
+            why + (f"\n→ {todo}" if todo else ""),
         )
     console.print(table)
     for group in plant.groups:
@@ -263,7 +270,8 @@ def _print_plant(plant: Plant) -> None:
         for place, one in enumerate(group.candidates[:3]):
             label = "likeliest source" if place == 0 else "or"
             who = one.loop or "outside of these loops"
-            console.print(f"  {label}: {who} ({one.weight:.0%}): {'; '.join(one.evidence)}")
+            said = one.evidence or [f"against it: {text}" for text in one.against]
+            console.print(f"  {label}: {who} ({one.weight:.0%}): {'; '.join(said)}")
     if not plant.groups and len(plant.loops) > 1:
         console.print("no loops were found to swing together")
     for note in plant.notes:

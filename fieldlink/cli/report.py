@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from contextlib import closing, nullcontext
 from datetime import UTC, datetime
+from functools import partial as partial_of
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -161,15 +162,18 @@ def _loops(
         period=period,
         workers=workers,
         progress=progress,
-        diagnose=_finding,
+        diagnose=partial_of(_finding, op_span=op_span),
         partial=partial,
     )
     what = as_text(files[0].name) if len(files) == 1 else f"{len(files)} recordings"
     return f"Work list of {what}", found
 
 
-def _finding(_name: str, samples: WindowSamples) -> Finding | None:
-    """Return what the diagnosis finds in a recording; None where the valve's verdict is enough."""
+def _finding(_name: str, samples: WindowSamples, *, op_span: float | None = None) -> Finding | None:
+    """Return what the diagnosis finds in a recording; None where the valve's verdict is enough.
+
+    ``op_span`` is OP's span in its own units, None if not known.
+    """
     from fieldlink.diagnosis import diagnose
     from fieldlink.worklist import finding_of_diagnosis
 
@@ -182,6 +186,7 @@ def _finding(_name: str, samples: WindowSamples) -> Finding | None:
         auto=samples.auto,
         period=samples.period,
         advice=False,
+        op_span=op_span,
     )
     return finding_of_diagnosis(found.to_dict()["causes"])
 

@@ -220,8 +220,12 @@ def finding_of_estimate(
     advice = tuple(str(text) for text in document.get("advice", ()))
     limits = tuple(str(text) for text in document.get("identifiability", ()))
     if uncertain:
-        likely = "sticks" if verdict == "stiction" else "is healthy"
-        evidence = (f"the valve probably {likely}, but the other answer is possible", *reasons)
+        over_wave = document.get("evidence", {}).get("over_waves")
+        likely = "probably sticks" if verdict == "stiction" else "is probably healthy"
+        if verdict == "stiction" and over_wave is not None and over_wave < 0.0:
+            # a wave from outside is the likelier of the two
+            likely = "may stick"
+        evidence = (f"the valve {likely}, but the other answer is possible", *reasons)
         return Finding((Cause(Wrong.UNDETERMINED, evidence),), _unique(advice), is_sure=False)
     codes = [code for code in ReasonCode if code.value in document.get("reason_codes", ())]
     known = [_CAUSE_OF_REASON[code] for code in codes if code in _CAUSE_OF_REASON]

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from typer.testing import CliRunner
 
+from estimator.diagnosis.sources import Candidate
 from fieldlink.cli.app import app
+from fieldlink.cli.diagnose import print_plant
+from fieldlink.diagnosed_plant import Plant
+from fieldlink.diagnosis import Cause, CauseName, Diagnosis, Group, diagnose
 from tests.cli.conftest import Run
+from tests.closed_loop import run
 from tests.docs.pages import keys_of
 
 
@@ -90,3 +97,46 @@ def test_a_recording_that_is_there_twice_is_no_group(
     again = fieldlink("diagnose", str(folder), str(folder / "FC101.csv"))
     assert again.returncode != 0
     assert "is given twice; name it once" in again.stderr
+
+
+def grouped(source: str | None, weight: float) -> Plant:
+    """Two loops that swing alike: A, whose valve sticks, and B, which looks tight by itself."""
+    loop = run(load=4.0 * np.sin(2.0 * np.pi * np.arange(600) / 50.0), n=600)
+    found = diagnose(loop.op, loop.pv, loop.sp, advice=False, figures=False)
+
+    def called(name: CauseName) -> Diagnosis:
+        return replace(found, causes=(Cause(name, 0.7, ("its sentence",)),))
+
+    loops = {"A": called(CauseName.STICKY_VALVE), "B": called(CauseName.TIGHT_TUNING)}
+    group = Group(("A", "B"), 50.0, (Candidate(source, weight, ("strokes",)),))
+    return Plant(loops, (group,), {}, {})
+
+
+def test_a_loop_that_another_moves_is_not_told_to_be_retuned(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    plant = grouped("A", 0.98)
+    assert plant.source_of("B") == "A"
+    assert plant.source_of("A") is None
+    print_plant(plant)
+    text = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "it swings with A, the likeliest source (below); by itself: its sentence" in text
+    assert "Put A right first, then diagnose this loop again." in text
+    assert "Lower the controller's gain" not in text
+
+
+@pytest.mark.parametrize(("source", "weight"), [(None, 0.9), ("B", 0.9), ("A", 0.4)])
+def test_a_loop_keeps_its_own_advice_where_no_other_is_likely_the_source(
+    source: str | None, weight: float
+) -> None:
+    assert grouped(source, weight).source_of("B") is None
+
+
+def test_a_candidate_without_a_word_for_it_has_those_against_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    plant = grouped("A", 0.98)
+    more = Candidate("B", 0.01, (), ("its past tells less",))
+    group = replace(plant.groups[0], candidates=(*plant.groups[0].candidates, more))
+    print_plant(replace(plant, groups=(group,)))
+    assert "or: B (1%): against it: its past tells less" in capsys.readouterr().out

@@ -27,14 +27,20 @@ def test_the_numerator_has_the_spectrum_of_load_plus_noise(count: int, draws: in
         # lags of a third of a sample to 10,000, two of them alike, or an integrator
         poles = np.exp(-np.exp(-rng.uniform(-1.0, 9.0, count)))
         poles[-1] = rng.choice([poles[0], poles[-1], 1.0])
-        noise = np.exp(rng.uniform(-10.0, 6.0))
-        numerator, denominator = whitening_numerator(poles, noise), poles_product(poles)
+        noise, white = np.exp(rng.uniform(-10.0, 6.0, 2))
+        # a white load passes a process: without one it is noise
+        white = white if count > 1 else 0.0
+        numerator = whitening_numerator(poles, noise, white)
+        denominator = poles_product(poles)
         beside = 1.0 / power_of_load(denominator)
         poles_of = np.prod(
             (1.0 - poles[:, None]) ** 2 + 4.0 * poles[:, None] * np.sin(np.pi * frequencies) ** 2,
             axis=0,
         )
+        corner = (1.0 - poles[0]) ** 2 + 4.0 * poles[0] * np.sin(np.pi * frequencies) ** 2
         wanted = noise * poles_of + beside
+        if count > 1:
+            wanted += white / power_of_load(poles_product(poles[1:])) * corner
         found = np.abs(np.polyval(numerator[::-1], z)) ** 2
         assert found / found[-1] == pytest.approx(wanted / wanted[-1], rel=1e-4)
         assert numerator[0] == 1.0
@@ -44,7 +50,7 @@ def test_the_numerator_has_the_spectrum_of_load_plus_noise(count: int, draws: in
 def test_a_load_of_one_pole_has_the_numerator_of_the_textbook() -> None:
     # 1 + theta q^-1 with theta / (1 + theta^2) = -a noise / ((1 + a^2) noise + 1 - a^2)
     pole, noise = 0.9, 0.3
-    theta = whitening_numerator(np.array([pole]), noise)[1]
+    theta = whitening_numerator(np.array([pole]), noise, 0.0)[1]
     share = -pole * noise / ((1.0 + pole**2) * noise + 1.0 - pole**2)
     assert theta / (1.0 + theta**2) == pytest.approx(share, rel=1e-12)
 
@@ -97,3 +103,18 @@ def test_simc_for_a_lag_is_skogestads_table() -> None:
     assert (rule.gain, rule.integral_time_s) == pytest.approx((gain, time))
     gain, time = simc_lag(0.1, np.inf, 1.5)
     assert (gain, time) == pytest.approx((1.0 / (0.1 * 3.0), 12.0))
+
+
+def test_the_phase_margin_of_a_loop_that_is_not_stable_is_below_zero() -> None:
+    # a lag with a dead time of five samples: the phase at which the gain is one, by frequency
+    process = ProcessModel((-float(np.exp(-0.1)),), (1.0 - float(np.exp(-0.1)),), 5, 0.0, 1.0)
+    for gain in (1.0, 8.0):
+        controller = Controller("PI", gain, 10.0, 0.0, gain / 10.0, 0.0, "error", 0, 1.0, True)
+        loop = LinearLoop.of(process, controller)
+        margins = loop.margins()
+        assert (margins.phase_deg > 0.0) is margins.stable is (margins.gain > 1.0)
+        turns = np.geomspace(1e-3, 0.4, 4000)
+        size = np.abs(loop.open_loop(turns))
+        phase = np.degrees(np.unwrap(np.angle(loop.open_loop(turns))))
+        crossing = phase[:-1][(size[1:] < 1.0) & (size[:-1] >= 1.0)]
+        assert np.min(np.abs(crossing + 180.0 - margins.phase_deg)) < 2.0

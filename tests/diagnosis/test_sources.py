@@ -8,6 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from estimator.diagnosis.coherence import spectrum_of
+from estimator.diagnosis.settings import DIAGNOSIS
+from estimator.diagnosis.sources import GroupMembers, rank_candidates
 from fieldlink.diagnosis import Cause, CauseName, Diagnosis, LoopSignals, diagnose, find_groups
 from tests.closed_loop import Loop, run
 from tests.seeds import in_suite
@@ -70,3 +73,19 @@ def test_a_valve_that_is_hardly_sticky_is_less_likely_than_a_source_outside() ->
     signals, alone = group_of_two(3)
     victims = {name: stuck(one, 11.0) for name, one in alone.items()}
     assert find_groups(signals, victims)[0].candidates[0].loop is None
+
+
+def test_a_valve_that_an_uneven_wave_may_stand_for_is_no_likely_source() -> None:
+    signals, alone = group_of_two(3)
+    (group,) = find_groups(signals, alone)
+    assert group.candidates[0].loop == "A"
+    indices = dict(alone["A"].indices) | {"log_bayes_factor_over_uneven_wave": -40.0}
+    doubted = alone | {"A": replace(alone["A"], indices=indices)}
+    spectra = {name: spectrum_of(one) for name, one in signals.items()}
+    members = GroupMembers(group.loops, group.period_s, signals, spectra, doubted, ())
+    first, *others = rank_candidates(members, DIAGNOSIS)
+    assert first.loop is None
+    of_valve = next(one for one in others if one.loop == "A")
+    assert any("may stick, but an uneven wave" in text for text in of_valve.against)
+    # nor is it asked whom it moves
+    assert all(found.candidates[0].loop != "A" for found in find_groups(signals, doubted))

@@ -24,6 +24,7 @@ from fieldlink.store.database import open_for_writing
 from fieldlink.worklist import COLUMNS, PartialReport, judge_recordings, list_loops
 from fieldlink.worklist.evidence_figure import EvidencePictures
 from tests.cli.conftest import limit_cycle
+from tests.closed_loop import run as run_loop
 
 SITE = """\
 [site]
@@ -206,6 +207,20 @@ def test_op_from_0_to_1_is_a_share_of_its_span(tmp_path: Path) -> None:
     assert loop["travel_per_day"] > 100.0
     (given,) = json.loads(run("report", tmp_path, "--json", "--op-span", "100").stdout)["loops"]
     assert given["stick_band"] == pytest.approx(0.04, rel=0.02)
+
+
+def test_how_far_noise_moves_a_valve_is_told_by_the_span_that_was_given(tmp_path: Path) -> None:
+    # OP in mA: noise moves it by 0.8 % of 4 to 20, and by 0.13 % of 0 to 100
+    loop = run_loop(noise=1.0)
+    columns = zip(4.0 + 0.16 * loop.op, loop.pv, loop.sp, strict=True)
+    rows = [f"{op:.6f},{pv:.6f},{sp:.6f}" for op, pv, sp in columns]
+    (tmp_path / "FC8.csv").write_text("\n".join(["op,pv,sp", *rows]) + "\n")
+    causes = {}
+    for more in ((), ("--op-span", "16")):
+        (row,) = json.loads(run("report", tmp_path, "--json", *more).stdout)["loops"]
+        causes[more] = row["wrong"]
+    assert causes[("--op-span", "16")] == "sensor"
+    assert causes[()] != "sensor"
 
 
 def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(
