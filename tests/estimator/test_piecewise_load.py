@@ -121,7 +121,7 @@ class UnevenValve:
 def test_few_uneven_slips_behind_a_rounded_op_are_not_taken_for_steps_of_a_load() -> None:
     """PV stays for long where a slip left it, and OP is of no effect: no load does that."""
     n, warm, pole = 700, 200, np.exp(-1.0 / 4.0)
-    judged = healthy = 0
+    judged = healthy = sticky = 0
     for seed in range(1, 21):
         rng = np.random.default_rng(seed)
         op, pv, stem = simulate(
@@ -137,6 +137,8 @@ def test_few_uneven_slips_behind_a_rounded_op_are_not_taken_for_steps_of_a_load(
             continue
         result = identify(np.round(op[warm:], 1), pv[warm:])
         judged += 1
-        healthy += result.verdict is Verdict.NO_STICTION
+        healthy += result.verdict is Verdict.NO_STICTION and not result.uncertain
+        sticky += result.verdict is Verdict.STICTION and not result.uncertain
     assert judged >= 15
     assert healthy <= 1
+    assert sticky >= 12
