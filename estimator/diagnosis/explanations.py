@@ -164,7 +164,7 @@ def explain(
         wave = _wave_beside(case, valve.fit, window.period)
     else:
         chosen, swung, outside, curved, jumps = _without_valve(
-            case, plain, cycles, weighing, advising
+            case, plain, valve.waved, cycles, weighing, advising
         )
     found = chosen.fit.valve
     return Explained(
@@ -213,9 +213,14 @@ def _model(window: Window, of: Rival, late: int) -> ProcessModel:
 
 
 def _without_valve(
-    case: Case, healthy: Hypothesis, cycles: float, weighing: Weighing, advising: Advising
+    case: Case,
+    healthy: Hypothesis,
+    waved: Hypothesis | None,
+    cycles: float,
+    weighing: Weighing,
+    advising: Advising,
 ) -> tuple[Rival, Rival | None, float, float, int]:
-    """The likeliest explanation without a sticky valve.
+    """The likeliest explanation without a sticky valve; see `ValveEvidence.waved`.
 
     Returns:
         It, the likeliest one with a wave from outside, the evidence for that wave and for a curved
@@ -240,6 +245,11 @@ def _without_valve(
     if curved >= least:
         curved = min(curved, _beside_steps(bent) - _beside_steps(plain))
     base, wave = plain, _best_wave(plain, cycles, weighing)
+    if waved is not None:
+        # a wave of no steady period, on the same rows as the others
+        fit = masked.fit(None, waved.poles, waved.dead_time, waved.nuisances, waved.taps)
+        uneven = Rival(masked, fit)
+        wave = uneven if wave is None or uneven.likelihood > wave.likelihood else wave
     if curved >= least:
         beside = _best_wave(bent, cycles, weighing)
         # a wave must not explain as well what the characteristic does

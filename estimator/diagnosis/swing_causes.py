@@ -50,8 +50,8 @@ def uneven_wave_words(found: Gathered, settings: DiagnosisSettings) -> str:
     if over < 0.0:
         return (
             f"a wave from outside that swings unevenly explains PV better than a sticky valve whose"
-            f" slips vary (log Bayes factor {-over:.0f}), but it also fits a valve whose friction "
-            f"changes from slip to slip: either is possible"
+            f" slips vary (log Bayes factor {-over:.0f}), if not by enough to be sure of it: "
+            f"either is possible"
         )
     return (
         f"a wave from outside that swings unevenly explains PV about as well as a sticky valve "

@@ -20,6 +20,7 @@ from estimator.evidence.effect import effect_of
 from estimator.evidence.verdict import count_strokes
 from estimator.evidence.weighing import fit_healthy, weigh
 from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.uneven_wave import UnevenWave
 from estimator.search.descent import refine_valve
 from estimator.search.processes import polish, settle
 
@@ -36,6 +37,8 @@ class ValveEvidence:
         effect: share of PV's variance that sticking makes.
         sticks: whether all of it is enough for a verdict.
         over_waves: see `Explained.over_waves`.
+        waved: the healthy valve beside a load that swings unevenly, where the estimator found that
+            one likelier than any sticky valve; else None.
     """
 
     fit: Hypothesis | None = None
@@ -44,6 +47,7 @@ class ValveEvidence:
     effect: float = 0.0
     sticks: bool = False
     over_waves: float = math.inf
+    waved: Hypothesis | None = None
 
 
 def judge_valve(
@@ -68,6 +72,7 @@ def judge_valve(
         return ValveEvidence(), settle(case, fit_healthy(case))
     found = weigh(case)
     plain = found.healthy
+    waved = plain if any(isinstance(one, UnevenWave) for one in plain.nuisances) else None
     if plain.nuisances:
         plain = settle(case, polish(case, None, plain, (), plain.taps, wide=True))
     sticky, judging = found.sticky, case.settings.judging
@@ -84,10 +89,10 @@ def judge_valve(
             # what the longer search knows of a healthy valve counts as well
             others.append(Rival(case, _settled(case, longer.healthy)))
     if sticky is None:
-        return ValveEvidence(), plain
+        return ValveEvidence(waved=waved), plain
     evidence = sticky.likelihood - max(one.likelihood for one in others)
     if evidence <= 0.0:
-        return ValveEvidence(sticky, evidence), plain
+        return ValveEvidence(sticky, evidence, waved=waved), plain
     others += rivals.waves(case, plain, cycles, weighing)
     others += rivals.curved(case, plain, weighing)
     rival = max(others, key=lambda one: one.likelihood)

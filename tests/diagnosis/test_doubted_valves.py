@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.wandering_loads import draw
 from estimator.diagnosis.gather import find_swing, gather
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.loop_record import loop_record
@@ -14,6 +15,7 @@ from estimator.diagnosis.settings import DIAGNOSIS
 from estimator.diagnosis.swing_causes import find_outside
 from fieldlink.diagnosis import Diagnosis, diagnose
 from tests.closed_loop import run
+from tests.seeds import in_suite
 
 WAVE = 4.0 * np.sin(2.0 * np.pi * np.arange(1500) / 70.0)
 
@@ -25,10 +27,20 @@ def uneven_triangle(seed: int) -> np.ndarray:
     return np.asarray(np.interp(np.arange(1500), times, 8.0 * (-1.0) ** np.arange(80)))
 
 
-@pytest.fixture(scope="module")
-def doubted() -> Diagnosis:
-    loop = run(load=uneven_triangle(2), seed=2)
-    return diagnose(loop.op, loop.pv, loop.sp, period=1.0)
+@pytest.fixture(scope="module", params=[3469, 3553])
+def doubted(request: pytest.FixtureRequest) -> Diagnosis:
+    """A wave that is likelier than the valve, if not by enough; and one that is less likely."""
+    loop = draw(request.param)
+    assert loop is not None
+    return diagnose(loop.op, loop.pv, None, period=1.0)
+
+
+@pytest.mark.parametrize("seed", in_suite(1, [2, 1, 3, 5, 7, 8]))
+def test_a_wave_that_is_surely_likelier_than_any_valve_comes_from_outside(seed: int) -> None:
+    """The loop, fitted without it, seems to swing by itself."""
+    loop = run(load=uneven_triangle(seed), seed=seed)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=1.0, advice=False)
+    assert [cause.name for cause in answer.causes] == ["external_oscillation"]
 
 
 def test_an_uneven_wave_that_explains_pv_as_well_is_told_beside_the_valve(
