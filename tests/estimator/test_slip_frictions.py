@@ -16,6 +16,7 @@ from estimator.hypotheses.friction_paths import Frictions, follow_paths
 from estimator.hypotheses.hypothesis import Case, Valve
 from estimator.hypotheses.noise import WHITE
 from estimator.processes.poles import Poles, Shape
+from tests.estimator.slipping import slip_by_chance
 from tests.seeds import in_suite
 
 Array = NDArray[np.float64]
@@ -130,14 +131,9 @@ def test_dynamic_friction_and_lateness_of_chance_are_integrated_over() -> None:
 def _uneven(seed: int, spread: float) -> tuple[Array, Array, Array]:
     """OP, stem and PV of a valve of S 5, J 3 whose friction varies by a share of S."""
     rng = np.random.default_rng(seed)
-    n, static, dynamic = 700, 4.0, 1.0
+    n = 700
     op = 50.0 + 4.6 * np.sin(np.arange(n) / 14.0 + 0.6 * np.sin(np.arange(n) / 50.0))
-    stem, x, free = np.empty(n), 50.0, static
-    for k, u in enumerate(op):
-        if abs(u - x) > free:
-            x = u - np.sign(u - x) * (dynamic + spread * 5.0 * rng.normal())
-            free = static + spread * 5.0 * rng.normal()
-        stem[k] = x
+    stem = slip_by_chance(op, spread, rng)
     pv = np.asarray(lfilter([0.0, 0.12], [1.0, -0.88], stem - 50.0))
     return op, stem, pv + 0.02 * rng.normal(size=n)
 

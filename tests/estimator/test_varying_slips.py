@@ -15,6 +15,7 @@ from estimator.hypotheses.hypothesis import Valve
 from estimator.hypotheses.noise import WHITE
 from estimator.hypotheses.strokes import changes_of, strokes_of, varied_stem
 from estimator.processes.poles import Poles, Shape
+from tests.estimator.slipping import slip_by_chance
 from tests.seeds import in_suite
 
 Array = NDArray[np.float64]
@@ -72,14 +73,9 @@ def test_strokes_of_chance_are_integrated_over() -> None:
 def _window(spread: float, seed: int) -> tuple[Array, Array]:
     """OP and PV of a valve of S 5, J 3; when it slips, and where to, varies by a share of S."""
     rng = np.random.default_rng(seed)
-    n, static, dynamic = 700, 4.0, 1.0
+    n = 700
     op = 50.0 + 6.0 * np.sin(np.arange(n) / 9.0 + 0.6 * np.sin(np.arange(n) / 50.0))
-    stem, x, free = np.empty(n), 50.0, static
-    for k, u in enumerate(op):
-        if abs(u - x) > free:
-            x = u - np.sign(u - x) * (dynamic + spread * 5.0 * rng.normal())
-            free = static + spread * 5.0 * rng.normal()
-        stem[k] = x
+    stem = slip_by_chance(op, spread, rng)
     pv = lfilter([0.0, 0.12], [1.0, -0.88], stem - 50.0)
     return op, pv + 0.02 * rng.normal(size=n)
 
