@@ -167,7 +167,7 @@ def _swings_of(
     causes = {cause.name for cause in diagnoses[name].causes}
     present = [found for found in all_found if found.present]
     # an uneven wave that may stand for the valve has a period like any other
-    if CauseName.STICKY_VALVE not in causes or is_valve_doubted(diagnoses[name]):
+    if CauseName.STICKY_VALVE not in causes or is_valve_doubted(diagnoses[name], settings):
         is_tight = any(_is_tight(cause, settings) for cause in diagnoses[name].causes)
         return [_Swing(name, found, made=is_tight) for found in present]
     nats = evidence_of_valve(diagnoses[name], 0.0)

@@ -183,9 +183,9 @@ def evidence_of_valve(of: Diagnosis, unknown: float) -> float:
     return min((one for one in figures if not math.isnan(one)), default=unknown)
 
 
-def is_valve_doubted(of: Diagnosis) -> bool:
-    """Whether an uneven wave from outside may stand for the sticky valve of a loop."""
-    return not math.isnan(of.indices.get(_OVER_WAVE, math.nan))
+def is_valve_doubted(of: Diagnosis, settings: DiagnosisSettings) -> bool:
+    """Whether an uneven wave from outside may stand for a loop's valve: `Gathered.doubts_valve`."""
+    return of.indices.get(_OVER_WAVE, math.nan) < settings.judging.threshold
 
 
 def _is_of_group(wave_s: float, period_s: float, settings: DiagnosisSettings) -> bool:
@@ -221,7 +221,7 @@ def _own_cause(
         # a victim's steps look like strokes as well, but explain its PV by far less
         nats = evidence_of_valve(diagnosis, grouping.usual)
         score = grouping.sticky + grouping.evident * math.log(max(1.0, nats) / grouping.usual)
-        if is_valve_doubted(diagnosis):
+        if is_valve_doubted(diagnosis, settings):
             return score, score > grouping.outside, (
                 f"its valve may stick, but an uneven wave from outside, as another loop would make "
                 f"it, explains its PV about as well (log Bayes factor of the valve {nats:.0f})"

@@ -10,7 +10,7 @@ import pytest
 
 from estimator.diagnosis.coherence import spectrum_of
 from estimator.diagnosis.settings import DIAGNOSIS
-from estimator.diagnosis.sources import GroupMembers, rank_candidates
+from estimator.diagnosis.sources import GroupMembers, is_valve_doubted, rank_candidates
 from fieldlink.diagnosis import Cause, CauseName, Diagnosis, LoopSignals, diagnose, find_groups
 from tests.closed_loop import Loop, run
 from tests.seeds import in_suite
@@ -89,3 +89,11 @@ def test_a_valve_that_an_uneven_wave_may_stand_for_is_no_likely_source() -> None
     assert any("may stick, but an uneven wave" in text for text in of_valve.against)
     # nor is it asked whom it moves
     assert all(found.candidates[0].loop != "A" for found in find_groups(signals, doubted))
+
+
+def test_a_valve_that_is_surely_likelier_than_an_uneven_wave_is_not_doubted() -> None:
+    _, alone = group_of_two(3)
+    sure = DIAGNOSIS.judging.threshold
+    for over, doubted in ((sure - 0.1, True), (sure, False), (np.nan, False)):
+        indices = dict(alone["A"].indices) | {"log_bayes_factor_over_uneven_wave": over}
+        assert is_valve_doubted(replace(alone["A"], indices=indices), DIAGNOSIS) is doubted
