@@ -13,7 +13,7 @@ from estimator.arrays import Array, Index
 from estimator.settings import Modelling
 from estimator.window import Window
 
-__all__ = ["JudgedRows", "Rows", "judged_rows", "rows_of"]
+__all__ = ["JudgedRows", "Rows", "judged_rows", "rows_of", "step_of_levels"]
 
 JudgedRows = tuple[Index, Index, Index]
 """Judged rows, and the first and last of each run; see `judged_rows`."""
@@ -115,7 +115,8 @@ def rows_of(
         weight=usable.astype(np.float64),
         first=first,
         count=float(usable.sum()),
-        floor=max(settings.floor, _resolution(window.y[good])) ** 2,
+        # about half the standard deviation of rounding PV to its levels
+        floor=max(settings.floor, _ROUNDING * step_of_levels(window.y[good])) ** 2,
         sign=sign,
         shared=shared,
         sloping=np.vstack([shared, k / n]),
@@ -128,7 +129,10 @@ _ROUNDING = 0.15
 _LEVELS = 200
 
 
-def _resolution(y: Array) -> float:
-    """About half the standard deviation of rounding PV to its levels; 0 where it has none."""
-    levels = np.diff(np.unique(np.round(y, 9)))
-    return _ROUNDING * float(levels.min()) if 0 < levels.size < _LEVELS else 0.0
+def step_of_levels(signal: Array) -> float:
+    """Step between the levels that a signal was recorded in; 0 where it has too many to have any.
+
+    ``signal`` is ``(n,)``.
+    """
+    levels = np.diff(np.unique(np.round(signal, 9)))
+    return float(levels.min()) if 0 < levels.size < _LEVELS else 0.0

@@ -244,12 +244,7 @@ def _without_valve(
         curved = min(curved, under_long - bent.price)
     if curved >= least:
         curved = min(curved, _beside_steps(bent) - _beside_steps(plain))
-    base, wave = plain, _best_wave(plain, cycles, weighing)
-    if waved is not None:
-        # a wave of no steady period, on the same rows as the others
-        fit = masked.fit(None, waved.poles, waved.dead_time, waved.nuisances, waved.taps)
-        uneven = Rival(masked, fit)
-        wave = uneven if wave is None or uneven.likelihood > wave.likelihood else wave
+    base, wave = plain, _best_wave(plain, cycles, weighing, waved)
     if curved >= least:
         beside = _best_wave(bent, cycles, weighing)
         # a wave must not explain as well what the characteristic does
@@ -276,11 +271,17 @@ def _beside_steps(of: Rival) -> float:
     A few steps of the load take OP to places of its own, and a curve may stand for each of them.
     """
     loads = fit_piecewise_loads(of.case, (of.fit,), -math.inf)
-    return max(of.likelihood, *(one.likelihood - of.price for one in loads), -math.inf)
+    return max([of.likelihood, *(one.likelihood - of.price for one in loads)])
 
 
-def _best_wave(base: Rival, cycles: float, weighing: Weighing) -> Rival | None:
+def _best_wave(
+    base: Rival, cycles: float, weighing: Weighing, waved: Hypothesis | None = None
+) -> Rival | None:
+    """The likeliest wave from outside, of a steady period or, ``waved``, of none."""
     found = rivals.waves(base.case, base.fit, cycles, weighing)
+    if waved is not None:
+        fit = base.case.fit(None, waved.poles, waved.dead_time, waved.nuisances, waved.taps)
+        found.append(Rival(base.case, fit))
     return max(found, key=lambda one: one.likelihood, default=None)
 
 

@@ -55,10 +55,10 @@ def find_rival_wave(
     evidence, threshold = sticky.likelihood - healthy.likelihood, case.settings.judging.threshold
     enough = sticky.likelihood + threshold
     for find, answered, beyond in (
-        (find_wave_in_cycles, _MOVED, _BEYOND_CYCLES),
+        (find_wave_in_cycles, _MOVED, _BEYOND_CYCLES if _is_whole(case) else -math.inf),
         (find_uneven_wave, ANSWERED, _BEYOND_OUTLINED),
     ):
-        if evidence >= beyond or (find is find_wave_in_cycles and not _is_whole(case)):
+        if evidence >= beyond:
             continue
         loaded = find(case, sticky, enough)
         if loaded is None or not _may_rival(case, loaded, sticky, answered):

@@ -21,10 +21,11 @@ import numpy as np
 from estimator.algebra import filter_rows
 from estimator.arrays import Array
 from estimator.hypotheses.friction_paths import Frictions, ProcessOfPaths, follow_paths
-from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.linear_fit import delay
 from estimator.hypotheses.nuisances import Characteristic, Nuisance
 from estimator.processes.poles import Poles
+from estimator.rows import step_of_levels
 from estimator.search.processes import refine_poles
 
 __all__ = ["is_beyond_slips", "lead_of_slips"]
@@ -45,9 +46,13 @@ _LEAST_JUMP = 0.03
 """J as a share of S below which the gain is no more raised as J falls."""
 _LEAST_STATIC, _LEAST_DYNAMIC, _MOST_LATE = 0.003, 0.001, 2.0
 """Bounds of the deviations, as those at first are given: below them PV tells nothing."""
+_BAND, _JUMP, _STATIC, _DYNAMIC, _LATE, _NOISE, _SLIP = range(7)
+"""Places of a valve's numbers: logarithm of S; J over S; logarithms of the deviations of static and
+dynamic friction over S, of the late share, of the variance of the noise, and of gain times J over
+S."""
 _STEPS = (0.05, 0.15, 0.7, 0.7, 0.7, 0.4, 0.1)
-"""First steps of `_Numbers`, in their order: a few of them span what starts may differ by."""
-_IN_TURN = (5, 1, 6, 0, 2, 3, 4)
+"""First steps of those: a few of them span what starts may differ by."""
+_IN_TURN = (_NOISE, _JUMP, _SLIP, _BAND, _STATIC, _DYNAMIC, _LATE)
 """Order in which the numbers are moved: the noise first, or a wrong one hides the others."""
 _WIDER, _NARROWER = 1.5, 0.5
 """Factors of a step that paid, and of one that did not."""
@@ -58,10 +63,17 @@ _TIE = 1e-6
 """Nats below which two are as likely: rounding decides nothing."""
 _FREE = 3
 """Parameters beside those of a valve: three deviations."""
-_FEWEST_LEVELS = 200
-"""Levels of OP from which its resolution is as good as none."""
 _FINE = 1e-4
-"""Resolution of such an OP, as a share of its span."""
+"""Resolution of an OP without levels, as a share of its span."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """What all starts share: the rows, a law's valve, and the step in which OP was recorded."""
+
+    case: Case
+    valve: Valve
+    quantum: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +86,6 @@ class _Start:
     nuisances: tuple[Nuisance, ...]
     taps: Array
     numbers: Array
-    """Logarithm of S; J over S; logarithms of the deviations of static and dynamic friction over
-    S, of the late share, of the variance of the noise, and of gain times J over S."""
     slides: bool
     is_fitted: bool = False
     likelihood: float = -math.inf
@@ -85,19 +95,18 @@ class _Start:
 class _Stage:
     """A process, a noise model and gains beside which the numbers of a valve are moved."""
 
-    case: Case
+    window: _Window
     start: _Start
     target: Array
     gains: Array
     price: float
-    quantum: float
 
     def follow(self, numbers: Array) -> tuple[float, Array]:
         """Log-likelihood in nats, prices included, and the likeliest stem."""
-        rows, poles = self.case.rows, self.start.poles
-        scale = math.exp(numbers[6]) / max(numbers[1], _LEAST_JUMP)
+        rows, poles = self.window.case.rows, self.start.poles
+        scale = math.exp(numbers[_SLIP]) / max(numbers[_JUMP], _LEAST_JUMP)
         gains = float(scale * self.gains[0]), float(scale * self.gains[1])
-        variance = max(math.exp(numbers[5]), rows.floor)
+        variance = max(math.exp(numbers[_NOISE]), rows.floor)
         process: ProcessOfPaths = poles.coefficients, gains, self.start.dead_time, variance
         worth, stem = follow_paths(
             rows.u,
@@ -107,10 +116,21 @@ class _Stage:
             float(self.start.stem[0]),
             _frictions(numbers),
             process,
-            self.quantum,
+            self.window.quantum,
             self.start.slides,
         )
         return worth + 0.5 * rows.count - self.price, stem
+
+    def refit(self, numbers: Array, likelihood: float, stem: Array) -> _Start:
+        """A start of these, and the process fitted to the stem; its gains are those of a fit."""
+        start, numbers = self.start, numbers.copy()
+        numbers[_SLIP] = math.log(max(numbers[_JUMP], _LEAST_JUMP))
+        poles, late = refine_poles(
+            self.window.case, stem, start.poles, start.dead_time, start.nuisances, start.taps
+        )
+        return replace(
+            start, stem=stem, poles=poles, dead_time=late, numbers=numbers, likelihood=likelihood
+        )
 
 
 def lead_of_slips(case: Case, sticky: Hypothesis, loaded: Hypothesis) -> float:
@@ -134,14 +154,15 @@ def is_beyond_slips(case: Case, lead: float) -> bool:
 
 def _likelihood(case: Case, sticky: Hypothesis, loaded: Hypothesis, enough: float) -> float:
     """Log-likelihood in nats, prices included; a likelier one than ``enough`` is not sought."""
-    quantum, found = _resolution(case.rows.u), []
-    for alike in _starts(sticky, loaded):
-        first = (_looked_at(case, sticky, one, quantum) for one in alike)
-        found.append(max(first, key=lambda one: one.likelihood))
-    found.sort(key=lambda one: -one.likelihood)
+    assert sticky.valve is not None
+    window = _Window(case, sticky.valve, step_of_levels(case.rows.u) or _FINE)
+    found = [
+        max((_looked_at(window, one) for one in alike), key=lambda one: one.likelihood)
+        for alike in _starts(sticky, loaded)
+    ]
     best = -math.inf
-    for start in found:
-        best = max(best, _fitted(case, sticky, start, quantum, _SWEEPS).likelihood)
+    for start in sorted(found, key=lambda one: -one.likelihood):
+        best = max(best, _fitted(window, start, _SWEEPS).likelihood)
         if best >= enough:
             break
     return best
@@ -170,27 +191,27 @@ def _starts(sticky: Hypothesis, loaded: Hypothesis) -> Iterator[tuple[_Start, _S
         yield start, replace(start, slides=True)
 
 
-def _looked_at(case: Case, sticky: Hypothesis, start: _Start, quantum: float) -> _Start:
+def _looked_at(window: _Window, start: _Start) -> _Start:
     """A start whose stem was found anew some times, and whose numbers were moved once."""
     for _ in range(_LOOKS):
-        stage = _stage(case, sticky, start, quantum)
-        start = _refitted(stage, *stage.follow(stage.start.numbers))
-    return _fitted(case, sticky, start, quantum, 1)
+        stage = _stage(window, start)
+        start = stage.refit(stage.start.numbers, *stage.follow(stage.start.numbers))
+    return _fitted(window, start, 1)
 
 
-def _fitted(case: Case, sticky: Hypothesis, start: _Start, quantum: float, sweeps: int) -> _Start:
+def _fitted(window: _Window, start: _Start, sweeps: int) -> _Start:
     """Numbers and process in turn, from a start; the likeliest of all that was tried."""
     steps, way = np.array(_STEPS), np.ones(len(_STEPS))
     best = start
     for sweep in range(sweeps):
-        stage = _stage(case, sticky, start, quantum)
+        stage = _stage(window, start)
         numbers = stage.start.numbers
         likelihood, stem = stage.follow(numbers)
         for i in _IN_TURN:
             for sign in (way[i], -way[i]):
                 tried = numbers.copy()
                 tried[i] += sign * steps[i]
-                if not 0.0 <= tried[1] <= 1.0:
+                if not 0.0 <= tried[_JUMP] <= 1.0:
                     continue
                 worth, other = stage.follow(tried)
                 if worth > likelihood + _TIE:
@@ -199,18 +220,18 @@ def _fitted(case: Case, sticky: Hypothesis, start: _Start, quantum: float, sweep
                     break
             else:
                 steps[i] *= _NARROWER
-        moved = replace(stage, start=replace(stage.start, numbers=numbers))
-        before, start = best, replace(_refitted(moved, likelihood, stem), is_fitted=True)
+        before = best.likelihood
+        start = replace(stage.refit(numbers, likelihood, stem), is_fitted=True)
         best = max(best, start, key=lambda one: one.likelihood)
-        if sweep > 1 and best.likelihood < before.likelihood + _PAYS:
+        if sweep > 1 and best.likelihood < before + _PAYS:
             break
     return best
 
 
-def _stage(case: Case, sticky: Hypothesis, start: _Start, quantum: float) -> _Stage:
+def _stage(window: _Window, start: _Start) -> _Stage:
     """Noise model and gains fitted to a start's stem; the variance too where none was known."""
-    stem, poles, late = start.stem, start.poles, start.dead_time
-    fit = case.fit(sticky.valve, poles, late, start.nuisances, start.taps, stem=stem)
+    case, stem, poles, late = window.case, start.stem, start.poles, start.dead_time
+    fit = case.fit(window.valve, poles, late, start.nuisances, start.taps, stem=stem)
     response = poles.response(stem)
     # without the columns
     shown = fit.residual + fit.gains[0] * delay(response, late)
@@ -221,27 +242,14 @@ def _stage(case: Case, sticky: Hypothesis, start: _Start, quantum: float) -> _St
     price += 0.5 * _FREE * math.log(case.rows.count)
     numbers = start.numbers.copy()
     if not start.is_fitted:
-        numbers[5] = math.log(fit.squares / case.rows.count + case.rows.floor)
-    start = replace(start, numbers=numbers, taps=taps)
-    return _Stage(case, start, target, fit.gains, price, quantum)
-
-
-def _refitted(stage: _Stage, likelihood: float, stem: Array) -> _Start:
-    """A start with this stem, and the process fitted to it; its gains are those of a fit then."""
-    start, numbers = stage.start, stage.start.numbers.copy()
-    numbers[6] = math.log(max(numbers[1], _LEAST_JUMP))
-    poles, late = refine_poles(
-        stage.case, stem, start.poles, start.dead_time, start.nuisances, start.taps
-    )
-    return replace(
-        start, stem=stem, poles=poles, dead_time=late, numbers=numbers, likelihood=likelihood
-    )
+        numbers[_NOISE] = math.log(fit.squares / case.rows.count + case.rows.floor)
+    return _Stage(window, replace(start, numbers=numbers, taps=taps), target, fit.gains, price)
 
 
 def _frictions(numbers: Array) -> Frictions:
-    band = math.exp(numbers[0])
-    jump = band * numbers[1]
-    static, dynamic, late = (math.exp(one) for one in numbers[2:5])
+    band = math.exp(numbers[_BAND])
+    jump = band * numbers[_JUMP]
+    static, dynamic, late = (math.exp(numbers[one]) for one in (_STATIC, _DYNAMIC, _LATE))
     return (
         0.5 * (band + jump),
         0.5 * (band - jump),
@@ -249,9 +257,3 @@ def _frictions(numbers: Array) -> Frictions:
         band * max(dynamic, _LEAST_DYNAMIC),
         min(late, _MOST_LATE),
     )
-
-
-def _resolution(op: Array) -> float:
-    """Step in which OP was recorded, as a share of its span."""
-    levels = np.diff(np.unique(np.round(op, 9)))
-    return float(levels.min()) if 0 < levels.size < _FEWEST_LEVELS else _FINE
