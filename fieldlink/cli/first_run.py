@@ -27,6 +27,8 @@ def read_once(out: Path) -> bool:
     from fieldlink.links import LinkError
     from fieldlink.links.single_values import Point, read_points
     from fieldlink.site import load_site
+    from fieldlink.site.role_evidence import HIGHEST, LOWEST
+    from fieldlink.site.site_draft import map_path_of
 
     site = load_site(out)
     device = site.devices["plc"]
@@ -50,9 +52,16 @@ def read_once(out: Path) -> bool:
             "other order; if the operator's screen shows another value, make the site again with "
             "the other --word-order and a new --out"
         )
-    modes = {p.tag.name: reading for p, reading in zip(points, readings, strict=True)}
+    found = {p.tag.name: reading for p, reading in zip(points, readings, strict=True)}
     for name, loop in site.loops.items():
-        mode = None if loop.mode is None else modes[loop.mode]
+        op = found[loop.op]
+        if op.good and not LOWEST <= float(op.value) <= HIGHEST:
+            say(
+                f"  {name}: OP {loop.op} is {op.value:g}, and an OP is from 0 to 100 %: if the "
+                "operator's screen shows another value, give the tag its scale (or raw_low, "
+                f"raw_high, eng_low and eng_high) in {map_path_of(out)}"
+            )
+        mode = None if loop.mode is None else found[loop.mode]
         if mode is not None and mode.good and mode.value not in loop.auto_values:
             values = ", ".join(f"{value:g}" for value in loop.auto_values)
             say(

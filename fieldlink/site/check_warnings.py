@@ -16,6 +16,7 @@ from fieldlink.site.missing_rows import contradicts_clock
 from fieldlink.site.models import Loop
 from fieldlink.site.reach_warnings import find_reach_warnings
 from fieldlink.site.recording import read_recording
+from fieldlink.site.role_warnings import find_role_warnings
 
 __all__ = ["find_apart_tags", "find_warnings"]
 
@@ -57,6 +58,7 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
         for name, loop in site.loops.items()
         for warned in (
             *_loop_warnings(name, loop),
+            *find_role_warnings(site, name),
             *find_reach_warnings(site, name, loop),
             *_recording_warnings(site, name, loop),
         )

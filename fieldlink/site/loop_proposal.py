@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from fieldlink.registers import DataType, Tag
 from fieldlink.site.column_names import SIGNAL_WORDS, UMLAUTS
 
-__all__ = ["ROLES", "LoopProposal", "Proposal", "propose_loops"]
+__all__ = ["ROLES", "LoopProposal", "Proposal", "propose_loops", "roles_in_name"]
 
 ROLES = ("op", "pv", "sp", "mode", "scan")
 """The roles of a loop in the site file."""
@@ -101,6 +101,11 @@ def propose_loops(tags: Iterable[Tag]) -> Proposal:
     joined, left = _join_halves(halves)
     loops = sorted((*whole, *joined), key=lambda loop: loop.name)
     return Proposal(tuple(loops), tuple(left))
+
+
+def roles_in_name(tag: Tag) -> frozenset[str]:
+    """Return the roles that a tag's name shows; none where it shows none."""
+    return frozenset(_LETTERS.get(role, role) for role, _, _ in _meanings(tag))
 
 
 def _as_proposal(name: str, candidates: Mapping[str, list[tuple[int, str]]]) -> LoopProposal:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
@@ -34,6 +35,7 @@ COLUMNS = (
     "comment",
 )
 
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+")
 _LAST_ADDRESS = 0xFFFF
 _LONGEST_TEXT = 125
 SCALES = (1e-30, 1e30)
@@ -295,6 +297,9 @@ class RowReader:
         except ValueError:
             if "," in cell and may_group(cell):
                 what, remedy = "may be decimals or grouped digits", "write 1000 or 1.0"
+            elif _DECIMAL_COMMA.fullmatch(cell):
+                what = "has a decimal comma, which a file with commas between cells cannot have"
+                remedy = f"write {cell.replace(',', '.')}, or put semicolons between the cells"
             else:
                 what, remedy = "is not a number", "give a number or leave it empty"
             self.report(column, f"{quoted(cell)} {what}", remedy)

@@ -17,7 +17,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RoleEvidence", "Roles", "judge_roles"]
+__all__ = ["HIGHEST", "LOWEST", "RoleEvidence", "Roles", "judge_roles"]
 
 Floats = NDArray[np.float64]
 

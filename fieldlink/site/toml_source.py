@@ -30,6 +30,14 @@ _REMEDIES = {
     "Cannot overwrite a value": "a key or table is there twice, keep one",
     "Invalid value": 'texts stand in straight "quotes", yes is true and no is false',
     "Expected newline": 'one key a line; texts stand in "quotes", numbers have a point and no unit',
+    "Expected ']'": (
+        "a name with blanks or with letters other than a to z stands in quotes, such as "
+        '[loops."FC 101"]; else close the bracket'
+    ),
+    "Invalid statement": (
+        "a line is [TABLE] or KEY = VALUE, a comment begins with #, and a name with letters other "
+        "than a to z stands in quotes"
+    ),
     "Unescaped": "write / or \\\\ in its place",
 }
 """What people mean by the parser's words, by how these begin."""

@@ -231,3 +231,18 @@ def test_a_trial_says_what_came_and_what_is_next(
     # It leaves the two files behind and no store.
     assert sorted(path.name for path in folder.glob("site*")) == ["site-map.csv", "site.toml"]
     assert not list(folder.rglob("*.sqlite"))
+
+
+@pytest.mark.usefixtures("folder")
+def test_an_output_in_counts_is_named() -> None:
+    Path("counts.csv").write_text(HEADER + "FC1.OP;0;INT;R;\nFC1.PV;1;INT;R;\n")
+    image = RegisterImage()
+    image.define(Table.HOLDING, 0, 10)
+    image.put(Table.HOLDING, 0, [4115, 4369])
+    with served_in_a_thread([modbus_device(image, 1)], Listening()) as number:
+        result = run("counts.csv", "--host", "127.0.0.1", "--port", str(number), "--yes")
+    assert result.exit_code == 0, result.output
+    hint = next(line for line in result.stderr.splitlines() if "is from 0 to 100 %" in line)
+    assert hint.strip().startswith("FC1: OP FC1.OP is 4115,")
+    assert hint.endswith("site-map.csv")
+    assert not any("FC1.PV is" in line for line in result.stderr.splitlines())
