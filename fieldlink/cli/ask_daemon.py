@@ -170,7 +170,8 @@ def _lines(found: dict[str, Any], units: Mapping[str, str]) -> list[str]:
         if loop["fault"]:
             lines.append(f"  bad: {loop['fault']}")
         if block["seq"] is not None:
-            lines.append(f"  block {block['seq']}: {block['status']}; {block['reason']}")
+            reason = f"; {block['reason']}" if block["reason"] else ""
+            lines.append(f"  block {block['seq']}: {block['status']}{reason}")
         elif block["reason"]:
             lines.append(f"  no block; {block['reason']}")
         if loop["waiting"] is not None:

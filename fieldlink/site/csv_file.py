@@ -202,7 +202,9 @@ def read_text(
         if "\0" in text:
             raise error([_not_csv(path, "it is a binary file")])
         return text.replace("\r\n", "\n").replace("\r", "\n")
-    raise error([_not_csv(path, f"it is not text in {' or '.join(encodings)}")])
+    message = "is text in another encoding than UTF-8, UTF-16 and Windows-1252"
+    remedy = 'save it as UTF-8 (spreadsheets call that "CSV UTF-8")'
+    raise error([Problem(str(path), "", message, remedy)])
 
 
 def is_comment(line: str) -> bool:

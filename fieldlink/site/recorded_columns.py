@@ -188,7 +188,7 @@ class RecordedColumns:
             return
         remedy = nearest(wanted, header)
         if not is_named:
-            remedy += f", or say which column is {role}"
+            remedy += f"; call it {role}, or choose it with --{role} (identify, diagnose, assess)"
         self.report(wanted, "no column of that name", remedy, line)
 
     def numbers(self, column: int | None) -> Floats | None:

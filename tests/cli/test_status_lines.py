@@ -43,3 +43,16 @@ def test_a_stick_band_has_its_interval_and_unit(
     units: dict[str, str], loop: dict[str, object], said: str
 ) -> None:
     assert printed(units, **loop).endswith(f"0 missed; {said}")
+
+
+@pytest.mark.parametrize(
+    ("reason", "said"),
+    [("the PLC has accepted it", "  block 2: withdrawn; the PLC has accepted it"),
+     ("", "  block 2: withdrawn")],
+)  # fmt: skip
+def test_a_block_without_a_reason_ends_with_its_status(reason: str, said: str) -> None:
+    """So stands the block of a daemon that has started again."""
+    block = {"status": "withdrawn", "seq": 2, "acknowledged": True, "reason": reason}
+    daemon = {"alive": True, "since": "2026-11-26T08:00:00+00:00"}
+    found = {"daemon": daemon, "devices": [], "loops": [{**LOOP, "block": block}]}
+    assert _lines(found, {})[2] == said

@@ -212,7 +212,13 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
         ("op,pv\n" + "1,1_000\n" * 60, {}, "'1_000' is not a number"),
         ("op,pv\n" + "1,\n" * 60, {}, "pv: holds no number at all"),
         ("1,2\n" * 60, {}, "the first row holds values, no names"),
-        ("op,flow\n" + "1,2\n" * 60, {}, "1: pv: no column of that name; use one of: op, flow"),
+        (
+            "op,flow\n" + "1,2\n" * 60,
+            {},
+            "1: pv: no column of that name; use one of: op, flow; call it pv, or choose it with "
+            "--pv",
+        ),
+        ("操作量,測定値\n".encode("shift_jis") + b"1,2\n" * 60, {}, "save it as UTF-8"),
         (
             "op,pv,set\n" + "1,2,3\n" * 60,
             {"sp": "sets"},

@@ -219,7 +219,7 @@ def _find_columns(schema: Any, path: str, job: Job, loop: str) -> _Columns:
                 f"choose one with --{role} {guess.ambiguous[role][0]!r}"
             )
         if found[role] is None:
-            remedy = f"{nearest(role, names)}, or say which column is {role}"
+            remedy = f"{nearest(role, names)}; call it {role}, or choose it with --{role}"
             raise ReadingError(f"{Path(path).name} has no column {role}; {remedy}")
     guesses_auto = "auto" in guess.unsure and wanted["auto"] is None
     return _Columns(**found, guesses_auto=guesses_auto)  # type: ignore[arg-type]
