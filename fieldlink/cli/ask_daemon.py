@@ -140,7 +140,7 @@ def _lines(found: dict[str, Any], units: Mapping[str, str]) -> list[str]:
 
     daemon = found["daemon"]
     state = "running since" if daemon["alive"] else "not running; last seen"
-    lines = [f"daemon {state} {daemon['since']}"]
+    lines = [f"daemon {state} {daemon['since']}", *_store_lines(found.get("store"))]
     for device in found["devices"]:
         own = f"device {device['name']}: "
         reason = f"; {device['reason'].removeprefix(own)}" if device["reason"] else ""
@@ -179,6 +179,17 @@ def _lines(found: dict[str, Any], units: Mapping[str, str]) -> list[str]:
     for finding in found.get("findings", []):
         lines.append(f"finding {finding['finding']} ({finding['state']}): {finding['text']}")
     return [_printable(line) for line in lines]
+
+
+def _store_lines(store: dict[str, Any] | None) -> Iterator[str]:
+    """Yield what is wrong with the store; only a running daemon of this release tells it."""
+    from fieldlink.cli.tables import counted
+
+    if store is not None and store["failing"]:
+        waiting = counted(store["waiting"], "record")
+        yield f"store: cannot be written: {store['reason']}; {waiting} waiting in memory"
+    if store is not None and store["lost"]:
+        yield f"store: {counted(store['lost'], 'record')} lost"
 
 
 def _no_verdict(loop: dict[str, Any]) -> str:

@@ -56,3 +56,15 @@ def test_a_block_without_a_reason_ends_with_its_status(reason: str, said: str) -
     daemon = {"alive": True, "since": "2026-11-26T08:00:00+00:00"}
     found = {"daemon": daemon, "devices": [], "loops": [{**LOOP, "block": block}]}
     assert _lines(found, {})[2] == said
+
+
+def test_a_store_that_cannot_be_written_comes_before_devices_and_loops() -> None:
+    daemon = {"alive": True, "since": "2026-11-26T08:00:00+00:00"}
+    store = {"failing": True, "reason": "database or disk is full", "waiting": 812, "lost": 1}
+    found = {"daemon": daemon, "devices": [], "loops": [LOOP], "store": store}
+    assert _lines(found, {})[1:3] == [
+        "store: cannot be written: database or disk is full; 812 records waiting in memory",
+        "store: 1 record lost",
+    ]
+    well = {**found, "store": {"failing": False, "reason": "", "waiting": 3, "lost": 0}}
+    assert _lines(well, {})[1].startswith("loop FC101")

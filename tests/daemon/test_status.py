@@ -1,4 +1,4 @@
-"""What a status says of a loop's block."""
+"""What a status says of a loop's block and of the store."""
 
 from __future__ import annotations
 
@@ -39,3 +39,13 @@ def test_a_block_that_the_plc_has_lost_is_not_called_accepted() -> None:
     healthy = ParameterBlock(loop_id=7, seq=2, status=Status.NO_STICTION, valid_for=60)
     for reason in reasons_with(healthy):
         assert reason == "the PLC has accepted the block"
+
+
+def test_a_status_names_what_keeps_the_store_from_being_written() -> None:
+    full = StoreReport(waiting=812, last_error="disk is full", failing=True)
+    assert live_status(DaemonStatus({}, {}, full), 0.0)["store"] == {
+        "failing": True, "reason": "disk is full", "waiting": 812, "lost": 0,
+    }  # fmt: skip
+    # The last failure is kept when it is over, and then it is none.
+    over = StoreReport(last_error="disk is full")
+    assert live_status(DaemonStatus({}, {}, over), 0.0)["store"]["reason"] == ""

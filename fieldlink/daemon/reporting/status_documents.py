@@ -51,6 +51,12 @@ def live_status(status: DaemonStatus, since: float) -> Document:
         ],
         "findings": [finding_document(one.record(one.seen_ms, "")) for one in report.open],
         "daemon": {"alive": True, "since": time_text(since)},
+        "store": {
+            "failing": status.store.failing,
+            "reason": status.store.last_error if status.store.failing else "",
+            "waiting": status.store.waiting,
+            "lost": status.store.dropped,
+        },
     }
 
 
@@ -141,6 +147,7 @@ def stored_status(site: Site) -> Document:
         "loops": loops,
         "findings": [finding_document(one) for one in open_findings(url)],
         "daemon": {"alive": False, "since": None if since is None else time_text(since / 1000.0)},
+        "store": None,
     }
 
 
