@@ -60,3 +60,15 @@ def test_what_is_not_needed_is_not_sent_to_the_builder() -> None:
     assert {".git", ".venv", "tests"} <= set(left_out)
     packages = {"fieldlink", "estimator", "compensator", "fmu_models"}
     assert not packages & set(left_out)
+
+
+def test_the_command_leaves_the_store_its_time_and_starts_again() -> None:
+    """Engines kill ten seconds after the signal; the service's unit says how long an end takes."""
+    unit = (ROOT / "deploy/systemd/fieldlink@.service").read_text()
+    needed = int(re.search(r"^TimeoutStopSec=(\d+)$", unit, re.MULTILINE)[1])  # type: ignore[index]
+    page = (ROOT / "docs/operations.md").read_text()
+    for text in (re.sub(r"\\\n#", " ", (ROOT / "Containerfile").read_text()), page):
+        (command,) = re.findall(r"podman run .*fieldlink$", text, re.MULTILINE)
+        words = command.split()
+        assert int(words[words.index("--stop-timeout") + 1]) >= needed
+        assert words[words.index("--restart") + 1] == "always"
