@@ -115,9 +115,10 @@ def write(
     )
 
     if (other := as_manual_address(what)) is not None:
+        digits, colon, kind = what.partition(":")
         raise typer.BadParameter(
-            f"{what} may mean address {int(what)}, or {other} as manuals write it; write "
-            f"holding:{int(what)} or {other}",
+            f"{what} may mean address {int(digits)}, or {other} as manuals write it; write "
+            f"holding:{int(digits)}{colon}{kind} or {other}",
             param_hint="WHAT",
         )
     point = _point(target, what, connect)
@@ -194,7 +195,8 @@ def _meant(text: str) -> str:
         return text
     if is_terminal():
         return other if typer.confirm(f"is {other} meant, which manuals write {text}?") else text
-    _warn(f"{text} is read as address {int(text)}; if the manual's {text} is meant, give {other}")
+    number = int(text.partition(":")[0])
+    _warn(f"{text} is read as address {number}; if the manual's {text} is meant, give {other}")
     return text
 
 

@@ -96,12 +96,17 @@ _MANUAL_TABLES = {"0": Table.COIL, "1": Table.DISCRETE, "3": Table.INPUT, "4": T
 def as_manual_address(text: str) -> str | None:
     """Return the point that manuals write as ``text``: 40001 is holding:0; None for any other.
 
-    Only a bare number of five or six digits is written so; a type or a table says what is meant.
+    Only five or six digits without a table are written so: a table says what is meant. A type does
+    not: 40001:float32 is holding:0:float32.
     """
-    found = _MANUAL.fullmatch(text)
+    number, colon, kind = text.partition(":")
+    found = _MANUAL.fullmatch(number)
     if found is None or not 1 <= int(found[2]) <= 0x10000:
         return None
-    return f"{_MANUAL_TABLES[found[1]]}:{int(found[2]) - 1}"
+    table = _MANUAL_TABLES[found[1]]
+    if colon and table.is_bits:
+        return None
+    return f"{table}:{int(found[2]) - 1}{colon}{kind}"
 
 
 def parse_point(text: str, device: Device) -> Tag:

@@ -443,13 +443,14 @@ def test_a_message_names_a_host_once_and_says_what_to_do(command: tuple[str, ...
     [
         ("40001", "holding:0"), ("30008", "input:7"), ("10005", "discrete:4"),
         ("00017", "coil:16"), ("465536", "holding:65535"),
+        ("40001:float32", "holding:0:float32"), ("30008:string:4", "input:7:string:4"),
     ],
 )  # fmt: skip
 def test_an_address_of_a_manual_is_reported(written: str, point: str) -> None:
     assert as_manual_address(written) == point
 
 
-@pytest.mark.parametrize("text", ["4000", "20001", "40000", "holding:40001", "40001:int16", "OP"])
+@pytest.mark.parametrize("text", ["4000", "20001", "40000", "holding:40001", "10001:int16", "OP"])
 def test_any_other_address_means_what_it_says(text: str) -> None:
     assert as_manual_address(text) is None
 
@@ -469,9 +470,10 @@ def test_reading_40001_asks_on_a_terminal(port: int, monkeypatch: pytest.MonkeyP
 
 
 def test_an_address_of_a_manual_is_never_written_by_guess(port: int, image: RegisterImage) -> None:
-    result = run("write", f"127.0.0.1:{port}", "40011", "7", "--yes")
-    assert result.exit_code == 2
-    assert "holding:10" in result.output
+    for written in ("40011", "40011:uint16"):
+        result = run("write", f"127.0.0.1:{port}", written, "7", "--yes")
+        assert result.exit_code == 2
+        assert "holding:10" in result.output
     assert image.get(Table.HOLDING, 10, 1) == [425]
 
 
