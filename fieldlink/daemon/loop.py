@@ -31,12 +31,23 @@ from fieldlink.links import Link, LinkError, RegisterAccess, Scan
 from fieldlink.registers import HEARTBEAT_EVERY
 from fieldlink.store import SampleRecord, WritebackRecord
 
-__all__ = ["LoopRunner"]
+__all__ = ["LoopRunner", "WritebackOffError"]
 
 AGE_IN_ESTIMATES = 4.0
 """Estimate periods for which a finding may wait: two windows in which others would confirm it."""
 
 _epochs = itertools.count(1)
+
+
+class WritebackOffError(FieldlinkError):
+    """The site file does not let a loop be written."""
+
+    def __init__(self, loop: str) -> None:
+        """Say so of a loop."""
+        super().__init__(
+            f"loops.{loop}.writeback is not enabled, so nothing may be written; clear the PLC's "
+            "enable bit to end the use of a block"
+        )
 
 
 class LoopRunner:
@@ -174,13 +185,10 @@ class LoopRunner:
         """Withdraw the loop's block; see `BlockWriter.withdraw`.
 
         Raises:
-            FieldlinkError: the site file does not let this loop be written.
+            WritebackOffError: the site file does not let this loop be written.
         """
         if self.writer is None:
-            raise FieldlinkError(
-                f"loops.{self.name}.writeback is not enabled, so nothing may be written; clear the "
-                "PLC's enable bit to end the use of a block"
-            )
+            raise WritebackOffError(self.name)
         after = self.numbers.last
         self.writer.withdraw(reason, utc)
         asked = self._journal.event_record(WITHDRAWAL_ASKED, self.name, reason)

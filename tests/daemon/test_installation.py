@@ -23,6 +23,7 @@ from fieldlink.daemon.installation import (
     only_daemon,
     writer_identity,
 )
+from fieldlink.daemon.loop import WritebackOffError
 from fieldlink.registers import Fallback
 from fieldlink.store import (
     EventRecord,
@@ -201,3 +202,17 @@ def test_files_that_root_has_left_are_named_with_the_remedy() -> None:
             finally:
                 os.seteuid(0)
             os.chown(folder / left, account, -1)
+
+
+def test_a_withdrawal_that_may_not_be_written_makes_no_store(tmp_path: Path) -> None:
+    """As root beside a service it would be root's, and the daemon could not begin with it."""
+    (tmp_path / "map.csv").write_text("tag,address,type\nOP,0,float32\nPV,2,float32\n")
+    site = tmp_path / "site.toml"
+    site.write_text(
+        '[site]\nname = "off"\n[devices.plc]\nlink = "modbus-tcp"\nhost = "127.0.0.1"\n'
+        'port = 1\nregister_map = "map.csv"\n[loops.FC1]\ndevice = "plc"\nop = "OP"\n'
+        'pv = "PV"\nperiod = 1.0\n'
+    )
+    result = CliRunner().invoke(app, ["withdraw", str(site), "FC1", "--reason", "test"])
+    assert isinstance(result.exception, WritebackOffError)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["map.csv", "site.toml"]

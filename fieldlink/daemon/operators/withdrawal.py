@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from fieldlink.daemon.installation import only_daemon
+from fieldlink.daemon.loop import WritebackOffError
 from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.errors import FieldlinkError
@@ -33,10 +34,13 @@ async def withdraw_without_daemon(
     """Withdraw a loop's block; return the outcome in words.
 
     Raises:
-        FieldlinkError: the loop may not be written, or its block was not withdrawn.
+        WritebackOffError: the loop may not be written; no store is made for that.
+        FieldlinkError: its block was not withdrawn.
         InUseError: a daemon holds the data directory.
         StoreError: the record cannot be stored.
     """
+    if not site.loops[name].writeback.enabled:
+        raise WritebackOffError(name)
     clock = clock or SystemClock()
     with only_daemon(site.data_dir) as identity:
         historian = Historian(site.historian_url)
