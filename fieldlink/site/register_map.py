@@ -23,7 +23,8 @@ def read_register_map(
         SiteError: every bad row, duplicate tag and overlap of registers in the file.
     """
     file = read_csv(path, SiteError)
-    columns = find_columns(file, COLUMNS, REQUIRED)
+    remedy = f"add it; fieldlink map import {path.name} --out MAP makes a map of a maker's list"
+    columns = find_columns(file, COLUMNS, REQUIRED, remedy=remedy)
     rows = [_reader(file, row, columns) for row in file.rows if any(row.cells)]
     tags, problems = collect_tags(str(path), rows, word_order, byte_order)
     if problems:
@@ -68,8 +69,15 @@ def _reader(file: CsvFile, row: CsvRow, columns: Mapping[str, int]) -> tuple[int
     return row.line, RowReader(str(file.path), row.line, cell, file.number)
 
 
-def find_columns(file: CsvFile, known: Sequence[str], required: Sequence[str]) -> dict[str, int]:
+def find_columns(
+    file: CsvFile, known: Sequence[str], required: Sequence[str], *, remedy: str = "add it"
+) -> dict[str, int]:
     """Return the number of each column of a map by its name.
+
+    Args:
+        file: the map.
+        known, required: names of columns that it may have, and has to have.
+        remedy: what to do about a column that is missing.
 
     Raises:
         SiteError: columns that are unknown, given twice or missing.
@@ -78,9 +86,10 @@ def find_columns(file: CsvFile, known: Sequence[str], required: Sequence[str]) -
     problems: list[Problem] = []
     for number, name in enumerate(name.lower() for name in file.header):
         if name not in known:
-            remedy = nearest(name, known)
             problems.append(
-                Problem(str(file.path), name, "unknown column", remedy, file.header_line)
+                Problem(
+                    str(file.path), name, "unknown column", nearest(name, known), file.header_line
+                )
             )
         elif name in columns:
             problems.append(
@@ -90,7 +99,7 @@ def find_columns(file: CsvFile, known: Sequence[str], required: Sequence[str]) -
     for name in required:
         if name not in columns:
             problems.append(
-                Problem(str(file.path), name, "column is missing", "add it", file.header_line)
+                Problem(str(file.path), name, "column is missing", remedy, file.header_line)
             )
     if problems:
         raise SiteError(problems)
