@@ -118,7 +118,8 @@ async def test_values_outside_the_limits_are_never_written(
     b.submit(findings(stick_band, slip_jump))
     await b.seconds(5)
     assert b.outcomes == [WritebackOutcome.OUT_OF_LIMITS]
-    assert named in b.said[0].reason
+    assert b.said[0].reason.startswith(f"no block is written: {named} ")
+    assert "writeback.limits (" in b.said[0].reason
     assert not [w for w in device.writes if w[0] == 16]
 
 

@@ -125,7 +125,10 @@ class Rules:
             ("slip_jump", found.slip_jump.value, limits.slip_jump),
         ):
             if not low <= value <= high:
-                return f"{name} = {value:g}, limits {low:g} to {high:g}"
+                return (
+                    f"no block is written: {name} {value:g} is outside writeback.limits "
+                    f"({low:g} to {high:g})"
+                )
         return ""
 
     def _is_unchanged(self, candidate: Candidate, in_force: InForce, now: float) -> bool:
