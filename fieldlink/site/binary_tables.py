@@ -153,8 +153,19 @@ def _matlab(path: Path) -> list[CsvRow]:
         raise _refusal(path, what, remedy)
     periods = [v for name, v in named.items() if name.lower() in _PERIODS and np.size(v) == 1]
     if len(periods) == 1 and not any(name.lower() in ("time", "t") for name in columns):
-        columns["time"] = (np.arange(longest) * float(np.ravel(periods[0])[0])).tolist()
+        columns["time"] = _times(np.ravel(periods[0])[0], longest)
     return _rows(columns)
+
+
+def _times(period: Any, count: int) -> list[Any]:
+    """Return the times of samples; what is no length of time stands in every row: refused there.
+
+    Simulink has 0 and -1 for models without a sample time of their own.
+    """
+    if np.asarray(period).dtype.kind not in "fiu" or not 0.0 < period < np.inf:
+        return [period] * count
+    times: list[Any] = (np.arange(count) * float(period)).tolist()
+    return times
 
 
 def _is_vector(value: Any) -> bool:

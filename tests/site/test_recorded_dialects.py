@@ -362,3 +362,15 @@ def test_exponents_of_fortran_are_no_unit(tmp_path: Path) -> None:
     path = tmp_path / "loop.csv"
     path.write_text(lines("Time,op,pv", lambda k: plain(k, f"{PV[k]:.8E}".replace("E", "D"))))
     check(read_recording(path))
+
+
+@pytest.mark.parametrize("given", ["2 s", 0.0, -1.0, np.nan, np.inf, 2j])
+def test_a_period_of_matlab_that_is_none_is_asked_for(given: object, tmp_path: Path) -> None:
+    """A text ended in a traceback, and -1, which Simulink has for inherited, turned the rows."""
+    path = tmp_path / "loop.mat"
+    savemat(path, {"op": OP, "pv": PV, "Ts": given})
+    with pytest.raises(RecordingError, match="give the seconds between rows with --period"):
+        read_recording(path)
+    found = read_recording(path, period=2.0)
+    assert found.period == 2.0
+    assert found.op[:3] == pytest.approx(OP[:3])
