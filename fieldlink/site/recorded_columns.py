@@ -81,6 +81,8 @@ class RecordedColumns:
         asked = {role for role, name in wanted.items() if name is not None}
         guess = guess_columns(self._file.header, known)
         header = self._file.header
+        if {"op", "pv"} <= asked & known.keys():
+            self._note_exchanged(header[known["op"]], header[known["pv"]])
         guessed = {
             role: number
             for role, number in guess.columns.items()
@@ -125,6 +127,18 @@ class RecordedColumns:
             )
             self.notes.append(f"columns taken by their names: {taken}")
         return found | guessed
+
+    def _note_exchanged(self, op: str, pv: str) -> None:
+        """Say when the two columns that were named are each other's by their headings."""
+        header = self._file.header
+        plain = {role: header[at] for role, at in guess_columns(header, {}).columns.items()}
+        for own in (plain, *loops_side_by_side(header, alone=True).values()):
+            if (own.get("op"), own.get("pv")) == (pv, op):
+                self.notes.append(
+                    f"op is {op!r} and pv is {pv!r}: by their names they are exchanged; if they "
+                    "are, exchange --op and --pv"
+                )
+                return
 
     def _report_loops_beside(self) -> None:
         """Report loops side by side of which none is meant more than the others."""

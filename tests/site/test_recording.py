@@ -372,3 +372,14 @@ def test_a_set_point_of_999_is_one_where_pv_follows_it(write: Write) -> None:
     lost = read_recording(write("op,pv,sp", lambda k: f"{k % 7},{50 + k % 5},{-999 if k else 50}"))
     assert lost.sp is not None
     assert np.isnan(lost.sp[1:]).all()
+
+
+@pytest.mark.parametrize("header", ["op,pv,x", "FC1.OUT,FC1.PV,FC2.OUT", "FC1.OP,FC1.PV,FC2.PV"])
+def test_columns_that_were_named_the_wrong_way_round_get_a_note(header: str, write: Write) -> None:
+    """Such a record is judged without an error: as a healthy valve, mostly."""
+    path = write(f"{header}\n" + "".join(f"{k % 7},{k % 5},{k % 3}\n" for k in range(60)))
+    op, pv, _ = header.split(",")
+    wrong = read_recording(path, op=pv, pv=op).notes
+    assert any("by their names they are exchanged" in note for note in wrong)
+    right = read_recording(path, op=op, pv=pv).notes
+    assert not any("exchanged" in note for note in right)
