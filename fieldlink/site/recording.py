@@ -341,7 +341,7 @@ def _notes(
     notes = []
     if np.nanmin(op) >= 0.0 and np.nanmax(op) <= 1.0:
         notes.append(
-            "op lies between 0 and 1: in its units S and J are shares of its range, not percent"
+            "op lies between 0 and 1: S and J in its units are shares of its range, 0.04 is 4 %"
         )
     if period is None and sampling is None:
         notes.append("no time column and no period given: a row is taken for a second")

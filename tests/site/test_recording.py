@@ -383,3 +383,12 @@ def test_columns_that_were_named_the_wrong_way_round_get_a_note(header: str, wri
     assert any("by their names they are exchanged" in note for note in wrong)
     right = read_recording(path, op=op, pv=pv).notes
     assert not any("exchanged" in note for note in right)
+
+
+def test_an_op_from_0_to_1_says_what_s_and_j_are_then(write: Write) -> None:
+    """The work list has them in % of OP's span; the sentence may not contradict it."""
+    note = "S and J in its units are shares of its range, 0.04 is 4 %"
+    shares = read_recording(write("op,pv", lambda k: f"{(k % 11) / 10},{k % 5}")).notes
+    assert any(note in one for one in shares)
+    percent = read_recording(write("op,pv", lambda k: f"{k % 11},{k % 5}")).notes
+    assert not any(note in one for one in percent)
