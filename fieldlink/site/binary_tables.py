@@ -62,8 +62,9 @@ def _excel(path: Path) -> list[CsvRow]:
     except ImportError as error:
         remedy = "pip install 'fieldlink[excel]', or save it as CSV"
         raise _refusal(path, "is a workbook, which openpyxl reads", remedy) from error
-    with explained_workbook(path, RecordingError):
-        book = load_workbook(path, read_only=True, data_only=True)
+    # From the open file: of a path openpyxl refuses another ending, and the content has decided.
+    with explained_workbook(path, RecordingError), path.open("rb") as stream:
+        book = load_workbook(stream, read_only=True, data_only=True)
         try:
             if not book.worksheets:
                 raise _refusal(path, "has no sheet of cells", "put the samples on the first sheet")

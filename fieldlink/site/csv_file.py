@@ -37,6 +37,9 @@ _PACKED = {
 }
 """How files begin that other programs have packed."""
 
+_MARKED_UP = re.compile(r"\s*<(?:\?xml|!doctype|html|head|meta|table)\b", re.IGNORECASE)
+"""How reports begin that web pages of historians and laboratory systems call ``.xls``."""
+
 LARGEST = 1000
 """Megabytes: eight months of a loop at a sample a second, a hundred of the largest maps."""
 
@@ -201,6 +204,9 @@ def read_text(
             continue
         if "\0" in text:
             raise error([_not_csv(path, "it is a binary file")])
+        if _MARKED_UP.match(text):
+            remedy = "open it in a spreadsheet and save it as CSV or .xlsx"
+            raise error([Problem(str(path), "", "is HTML or XML text, whatever its name", remedy)])
         return text.replace("\r\n", "\n").replace("\r", "\n")
     message = "is text in another encoding than UTF-8, UTF-16 and Windows-1252"
     remedy = 'save it as UTF-8 (spreadsheets call that "CSV UTF-8")'

@@ -228,6 +228,8 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
         ("op,pv\n" + "1,2\n" * 60, {"period": 0.0}, "a period of 0.0 s is impossible"),
         ("", {}, "is empty"),
         (b"\x00\x01\x02", {}, "is not a CSV file: it is a binary file"),
+        ("<html><table><tr><td>OP</td></tr></table></html>", {}, "open it in a spreadsheet"),
+        ('<?xml version="1.0"?><Workbook/>', {}, "is HTML or XML text, whatever its name"),
         (b"PK\x03\x04 no workbook", {}, "is a binary file and no workbook"),
         (b"PAR1 and no more", {}, "cannot be read as Parquet"),
         (b"MATLAB 5.0 and no more", {}, "is not a MATLAB file that can be read"),

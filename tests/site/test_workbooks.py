@@ -97,3 +97,9 @@ def test_nothing_is_warned_of_that_is_no_concern_of_the_samples(tmp_path: Path) 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(read_recording(path)) == N
+
+
+@pytest.mark.parametrize("name", ["loop.csv", "loop", "loop.XLSX"])
+def test_a_workbook_under_another_name_is_read(name: str, tmp_path: Path) -> None:
+    path = make(tmp_path / "loop.xlsx").rename(tmp_path / name)
+    assert read_recording(path).pv.tolist() == pytest.approx(PV)
