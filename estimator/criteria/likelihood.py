@@ -18,7 +18,7 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import LinearFit, fit_linear
 from estimator.hypotheses.noise import WHITE
 from estimator.intervals.posterior import Posterior, sample_posterior
-from estimator.intervals.varying import posterior_of_slips
+from estimator.intervals.varying import gain_shares, posterior_of_slips
 from estimator.processes.poles import INTEGRATOR
 from estimator.result import Interval
 from estimator.window import Window
@@ -69,7 +69,10 @@ def likelihood_estimate(
     fit = fit_linear(case.rows, best.poles.response(best.stem), best.dead_time, columns, best.taps)
     steep = window.pv_scale / window.op_span
     model = process_model(window, best.poles, best.dead_time, fit, float(best.stem[0]))
-    gains = _likely_gains(case, straight, posterior, by_law=varying is None)
+    if varying is None:
+        gains = _likely_gains(case, straight, posterior)
+    else:
+        gains = straight.gain * gain_shares(varying, posterior)
     gain = _gain_interval(case, straight, gains, confidence)
     unit = steep * (INTEGRATOR / window.period if best.poles.integrating else 1.0)
     return Estimate(
@@ -87,22 +90,15 @@ def likelihood_estimate(
     )
 
 
-def _likely_gains(case: Case, best: Hypothesis, posterior: Posterior, *, by_law: bool) -> Array:
-    """The scaled gain beside each of some likely valves.
-
-    Where slips are seen in PV and not given by a law, the gain falls as they grow.
-    """
+def _likely_gains(case: Case, best: Hypothesis, posterior: Posterior) -> Array:
+    """The scaled gain beside each of some likely valves of a law."""
     assert best.valve is not None
     # samples drawn evenly from the posterior: each stands for as much probability as the others
     count = case.settings.spreading.gains
     share = np.cumsum(posterior.weights)
     drawn = np.searchsorted(share, (np.arange(count) + 0.5) / count * share[-1])
-    samples = posterior.samples[drawn]
-    if not by_law:
-        found: Array = best.gain * best.valve.jump / samples[:, 1]
-        return found
     gains = []
-    for band, jump, start in samples.tolist():
+    for band, jump, start in posterior.samples[drawn].tolist():
         valve = replace(best.valve, band=band, jump=jump, start=start)
         found = case.fit(
             valve, best.poles, best.dead_time, best.nuisances, best.taps, refit_noise=False

@@ -29,7 +29,13 @@ from estimator.processes.poles import Poles
 from estimator.rows import step_of_levels
 from estimator.search.processes import refine_poles
 
-__all__ = ["VaryingFriction", "find_varying_friction", "is_beyond_slips", "lead_of_slips"]
+__all__ = [
+    "LEAST_JUMP",
+    "VaryingFriction",
+    "find_varying_friction",
+    "is_beyond_slips",
+    "lead_of_slips",
+]
 
 _NEITHER_EXACT = 2.0
 """Times what a sticky valve is asked for, by which a load of any shape must be likelier than a
@@ -43,8 +49,8 @@ that comes a sample late: wide enough to pass over a wrong mean."""
 _JUMPS = (None, 0.5)
 """J at first as shares of S: that of the law and one in the middle, because J trades with the
 gain."""
-_LEAST_JUMP = 0.03
-"""J as a share of S below which the gain is no more raised as J falls."""
+LEAST_JUMP = 0.03
+"""J as a share of S below which the gain is no more raised as J falls: none looks alike."""
 _LEAST_STATIC, _LEAST_DYNAMIC, _MOST_LATE = 0.003, 0.001, 2.0
 """Bounds of the deviations, as those at first are given: below them PV tells nothing."""
 _SURE = (0.003, 0.001, 0.003)
@@ -124,7 +130,7 @@ class _Stage:
     def follow(self, numbers: Array) -> tuple[float, Array]:
         """Log-likelihood in nats, prices included, and the likeliest stem."""
         rows, poles = self.window.case.rows, self.start.poles
-        scale = math.exp(numbers[_SLIP]) / max(numbers[_JUMP], _LEAST_JUMP)
+        scale = math.exp(numbers[_SLIP]) / max(numbers[_JUMP], LEAST_JUMP)
         gains = float(scale * self.gains[0]), float(scale * self.gains[1])
         variance = max(math.exp(numbers[_NOISE]), rows.floor)
         process: ProcessOfPaths = poles.coefficients, gains, self.start.dead_time, variance
@@ -144,7 +150,7 @@ class _Stage:
     def refit(self, numbers: Array, likelihood: float, stem: Array) -> _Start:
         """A start of these, and the process fitted to the stem; its gains are those of a fit."""
         start, numbers = self.start, numbers.copy()
-        numbers[_SLIP] = math.log(max(numbers[_JUMP], _LEAST_JUMP))
+        numbers[_SLIP] = math.log(max(numbers[_JUMP], LEAST_JUMP))
         poles, late = refine_poles(
             self.window.case, stem, start.poles, start.dead_time, start.nuisances, start.taps
         )
@@ -260,7 +266,7 @@ def _starts(sticky: Hypothesis, process: Hypothesis) -> Iterator[tuple[_Start, _
     """Starts that differ in what a search does not leave again, with and without sliding."""
     valve = sticky.valve
     assert valve is not None
-    own = max(valve.jump / valve.band, _LEAST_JUMP)
+    own = max(valve.jump / valve.band, LEAST_JUMP)
     # what a law leaves of slips may have been taken for a load
     alone = tuple(one for one in sticky.nuisances if isinstance(one, Characteristic))
     beside = {sticky.nuisances: None, alone: None}
@@ -341,8 +347,8 @@ def _read_off(op: Array, stem: Array, numbers: Array) -> Array:
         return numbers
     found = numbers.copy()
     found[_BAND], found[_JUMP] = math.log(band), (means[0] - means[1]) / band
-    least = max(numbers[_JUMP], _LEAST_JUMP)
-    found[_SLIP] += math.log(max(found[_JUMP], _LEAST_JUMP) / least)
+    least = max(numbers[_JUMP], LEAST_JUMP)
+    found[_SLIP] += math.log(max(found[_JUMP], LEAST_JUMP) / least)
     found[_STATIC] = math.log(max(spreads[0] / band, _LEAST_STATIC))
     found[_DYNAMIC] = math.log(max(spreads[1] / band, _LEAST_DYNAMIC))
     return found
