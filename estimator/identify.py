@@ -166,7 +166,8 @@ def _assess(whole: Window, request: Request, settings: Settings) -> Identificati
     rows = rows_of(window, request.sign, modelling, request.informed, soonest)
     case = Case(rows, replace(settings, modelling=modelling))
     weighing = weigh(case)
-    if request.criterion != "arx" and request.method == "search":
+    # slips that may be anywhere take up noise that a criterion does not allow
+    if request.criterion == "auto" and request.method == "search":
         weighing = with_varying_friction(case, weighing)
     if weighing.sticky is None:
         reason = Reason(

@@ -87,6 +87,7 @@ def likelihood_estimate(
         process=describe_process(window, best.poles, model, gain.scaled(unit)),
         model=model,
         peaks=posterior.peaks(),
+        varies=0.0 if varying is None else math.hypot(varying.static, varying.dynamic),
     )
 
 

@@ -181,6 +181,7 @@ def test_an_uneven_valve_is_told_by_the_means_of_its_friction(seed: int) -> None
     off = np.abs(found.stem - found.stem.mean() - (stem - stem.mean()))
     assert np.median(off) < 0.3 * 5.0
     assert found.evidence.steady > 50.0
+    assert any("friction changes from slip to slip" in one for one in found.identifiability)
 
 
 @pytest.mark.parametrize("seed", in_suite(2, range(20)))
