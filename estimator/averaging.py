@@ -14,7 +14,8 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.criteria.conversion import describe_process, process_model
-from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.evidence.weighing import Weighing
+from estimator.hypotheses.hypothesis import Case
 from estimator.hypotheses.linear_fit import fit_linear
 from estimator.hypotheses.noise import WHITE
 from estimator.monitoring.indices.wear import travel_and_turns
@@ -65,17 +66,23 @@ def average(window: Window, block: int) -> Window:
 
 
 def with_every_sample(
-    result: Identification, case: Case, window: Window, best: Hypothesis, block: int
+    result: Identification, case: Case, window: Window, weighing: Weighing, block: int
 ) -> Identification:
     """The result on averages with the process, the stem and PV of every sample of the window.
 
-    ``case`` and ``best`` are those of the averages, the valve is kept. Gain, offset and dead time
-    are fitted again by least squares.
+    ``case`` and ``weighing`` are those of the averages, the valve is kept. Gain, offset and dead
+    time are fitted again by least squares.
     """
+    best = weighing.best
     assert best.valve is not None
     assert result.model is not None
     rows = rows_of(window, case.rows.sign, case.settings.modelling)
-    stem = best.valve.stem(window.u)
+    if weighing.varying is None:
+        stem = best.valve.stem(window.u)
+    else:
+        # no law tells where in a block it slips
+        stem = np.repeat(best.stem, block)
+        stem = np.append(stem, np.full(window.size - stem.size, stem[-1]))
     poles = _finer(best.poles, block)
     response = poles.response(stem)
     columns = rows.columns(integrating=poles.integrating)

@@ -23,6 +23,7 @@ class Estimate:
         stem: scaled stem, ``(n,)``; simulated: scaled PV simulated from it.
         process: for the reader; model: the same in ARX form, in units of OP and PV.
         peaks: valves that explain the window about equally well, as shares of OP's span.
+        varies: standard deviation of S from slip to slip, as a share of OP's span; 0 under a law.
     """
 
     criterion: str
@@ -36,3 +37,4 @@ class Estimate:
     process: Process
     model: ProcessModel
     peaks: tuple[Peak, ...] = ()
+    varies: float = 0.0

@@ -23,6 +23,12 @@ def identifiability(estimate: Estimate, span: float, *, sticky: bool) -> tuple[s
         return ()
     band, jump = estimate.band.scaled(span), estimate.jump.scaled(span)
     found = []
+    if estimate.varies > 0.0:
+        varies = span * estimate.varies
+        found.append(
+            f"the valve's friction changes from slip to slip: S and J are means, single stick "
+            f"bands deviate from S by {varies:.2g} ({varies / band.value:.0%})"
+        )
     valves = [(span * peak.band, span * peak.jump, peak.share) for peak in estimate.peaks]
     apart = [valve for valve in valves if abs(valve[0] - valves[0][0]) > _ANOTHER * valves[0][0]]
     if apart:

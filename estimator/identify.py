@@ -29,7 +29,7 @@ from estimator.evidence.records import informed_share, step_left_out
 from estimator.evidence.sign import gain_sign, soonest_answer
 from estimator.evidence.steadiness import steady_evidence
 from estimator.evidence.verdict import describe_stem, judge
-from estimator.evidence.weighing import Weighing, weigh
+from estimator.evidence.weighing import Weighing, weigh, with_varying_friction
 from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
@@ -166,6 +166,9 @@ def _assess(whole: Window, request: Request, settings: Settings) -> Identificati
     rows = rows_of(window, request.sign, modelling, request.informed, soonest)
     case = Case(rows, replace(settings, modelling=modelling))
     weighing = weigh(case)
+    # slips that may be anywhere take up noise that a criterion does not allow
+    if request.criterion == "auto" and request.method == "search":
+        weighing = with_varying_friction(case, weighing)
     if weighing.sticky is None:
         reason = Reason(
             ReasonCode.TOO_FEW_MOVES, "OP's moves are too few to move a sticky valve twice"
@@ -188,18 +191,20 @@ def _assess(whole: Window, request: Request, settings: Settings) -> Identificati
         case.max_dead_time,
         cost_surface(case, window, weighing.sticky) if request.surface else None,
     )
-    return result if block == 1 else with_every_sample(result, case, whole, weighing.laws[0], block)
+    return result if block == 1 else with_every_sample(result, case, whole, weighing, block)
 
 
 def _evidence(case: Case, weighing: Weighing, request: Request) -> tuple[Evidence, Fit]:
     sticky, healthy = weighing.sticky, weighing.healthy
     assert sticky is not None
-    best = weighing.laws[0]
+    best = weighing.best
     assert best.valve is not None
-    moves, reversals, strokes = describe_stem(sticky.stem)
+    # of the laws the one that was weighed
+    seen = sticky if weighing.varying is None else best
+    moves, reversals, strokes = describe_stem(seen.stem)
     evidence = Evidence(
         log_bayes_factor=weighing.evidence,
-        steady=steady_evidence(case, healthy, sticky),
+        steady=steady_evidence(case, healthy, seen),
         effect=effect_of(case, best),
         process=max(case.evidence_of_process(one) for one in (healthy, sticky)),
         gain_deviations=gain_deviations(case, healthy),

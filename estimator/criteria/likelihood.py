@@ -12,11 +12,13 @@ from estimator.algebra import dot
 from estimator.arrays import Array
 from estimator.criteria.conversion import describe_process, process_model
 from estimator.estimate import Estimate
+from estimator.evidence.weighing import Weighing
 from estimator.hypotheses.gain import gain_variance, straightened
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import LinearFit, fit_linear
 from estimator.hypotheses.noise import WHITE
 from estimator.intervals.posterior import Posterior, sample_posterior
+from estimator.intervals.varying import gain_shares, posterior_of_slips
 from estimator.processes.poles import INTEGRATOR
 from estimator.result import Interval
 from estimator.window import Window
@@ -44,18 +46,18 @@ def _white_fit(case: Case, of: Hypothesis) -> LinearFit:
 def likelihood_estimate(
     case: Case,
     window: Window,
-    best: Hypothesis,
-    explanations: tuple[Hypothesis, ...],
+    weighing: Weighing,
     confidence: float,
     criterion: str,
     reason: str,
 ) -> Estimate:
-    """Valve, process and intervals of the likeliest sticky valve.
-
-    ``explanations`` are the sticky hypotheses under every law, the likeliest (``best``) first.
-    """
+    """Valve, process and intervals of the sticky valve that explains most."""
+    best, varying = weighing.best, weighing.varying
     assert best.valve is not None
-    posterior = sample_posterior(case, explanations)
+    if varying is None:
+        posterior = sample_posterior(case, weighing.laws)
+    else:
+        posterior = posterior_of_slips(case, varying)
     valve = best.valve
 
     def interval(of_band: float, of_jump: float) -> Interval:
@@ -67,7 +69,11 @@ def likelihood_estimate(
     fit = fit_linear(case.rows, best.poles.response(best.stem), best.dead_time, columns, best.taps)
     steep = window.pv_scale / window.op_span
     model = process_model(window, best.poles, best.dead_time, fit, float(best.stem[0]))
-    gain = _gain_interval(case, straight, posterior, confidence)
+    if varying is None:
+        gains = _likely_gains(case, straight, posterior)
+    else:
+        gains = straight.gain * gain_shares(varying, posterior)
+    gain = _gain_interval(case, straight, gains, confidence)
     unit = steep * (INTEGRATOR / window.period if best.poles.integrating else 1.0)
     return Estimate(
         criterion=criterion,
@@ -81,27 +87,30 @@ def likelihood_estimate(
         process=describe_process(window, best.poles, model, gain.scaled(unit)),
         model=model,
         peaks=posterior.peaks(),
+        varies=0.0 if varying is None else math.hypot(varying.static, varying.dynamic),
     )
 
 
-def _gain_interval(
-    case: Case, best: Hypothesis, posterior: Posterior, confidence: float
-) -> Interval:
-    """The scaled gain: its spread over likely valves, and the noise's for each valve."""
+def _likely_gains(case: Case, best: Hypothesis, posterior: Posterior) -> Array:
+    """The scaled gain beside each of some likely valves of a law."""
     assert best.valve is not None
     # samples drawn evenly from the posterior: each stands for as much probability as the others
     count = case.settings.spreading.gains
     share = np.cumsum(posterior.weights)
     drawn = np.searchsorted(share, (np.arange(count) + 0.5) / count * share[-1])
     gains = []
-    for i in drawn:
-        band, jump, start = (float(v) for v in posterior.samples[i])
+    for band, jump, start in posterior.samples[drawn].tolist():
         valve = replace(best.valve, band=band, jump=jump, start=start)
         found = case.fit(
             valve, best.poles, best.dead_time, best.nuisances, best.taps, refit_noise=False
         )
         gains.append(found.gain)
-    between = float(np.square(np.array(gains) - best.gain).mean())
+    return np.array(gains)
+
+
+def _gain_interval(case: Case, best: Hypothesis, gains: Array, confidence: float) -> Interval:
+    """The scaled gain: its spread over likely valves, and the noise's for each valve."""
+    between = float(np.square(gains - best.gain).mean())
     noise = gain_variance(case, best)
     if not math.isfinite(noise):
         return Interval(best.gain, -math.inf, math.inf)

@@ -61,12 +61,11 @@ class ColouredNoise:
         self, case: Case, window: Window, weighing: Weighing, confidence: float
     ) -> Estimate:
         """The likeliest valve."""
-        best = weighing.laws[0]
-        order = best.taps.size
+        order = weighing.best.taps.size
         reason = (
             f"the noise is autoregressive of order {order}" if order else "the noise is white"
         ) + ", by BIC"
-        return likelihood_estimate(case, window, best, weighing.laws, confidence, "oe", reason)
+        return likelihood_estimate(case, window, weighing, confidence, "oe", reason)
 
 
 class WhiteNoise:
@@ -80,9 +79,7 @@ class WhiteNoise:
         self, case: Case, window: Window, weighing: Weighing, confidence: float
     ) -> Estimate:
         """The likeliest valve."""
-        return likelihood_estimate(
-            case, window, weighing.laws[0], weighing.laws, confidence, "oe", "as asked"
-        )
+        return likelihood_estimate(case, window, weighing, confidence, "oe", "as asked")
 
 
 class OneStepAhead:

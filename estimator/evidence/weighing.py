@@ -15,7 +15,12 @@ from estimator.evidence.growing import add_best, fit_repeating, fit_waves
 from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
 from estimator.evidence.piecewise_loads import fit_piecewise_loads
 from estimator.evidence.rival_waves import find_rival_wave
-from estimator.evidence.slip_frictions import is_beyond_slips, lead_of_slips
+from estimator.evidence.slip_frictions import (
+    VaryingFriction,
+    find_varying_friction,
+    is_beyond_slips,
+    lead_of_slips,
+)
 from estimator.evidence.uneven_waves import refit_uneven_wave
 from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
@@ -29,7 +34,7 @@ from estimator.search.processes import polish, settle
 from estimator.search.sweep import sweep_valves
 from estimator.search.valves import find_valves
 
-__all__ = ["Weighing", "fit_healthy", "weigh"]
+__all__ = ["Weighing", "fit_healthy", "weigh", "with_varying_friction"]
 
 _PAYS = 0.5
 """Nats that a nuisance must gain beyond its price."""
@@ -70,6 +75,13 @@ class Weighing:
     """By how many nats a valve whose slips vary is likelier than a load of any shape from outside,
     an uneven wave or steps and lines; infinite where none is a rival of the valve, or where one is
     taken up."""
+    varying: VaryingFriction | None = None
+    """The sticky valve whose friction is another one at every slip, where that explains more."""
+
+    @property
+    def best(self) -> Hypothesis:
+        """What the valve is described by: the likeliest law, or friction that varies."""
+        return self.laws[0] if self.varying is None else self.varying.hypothesis
 
     @property
     def evidence(self) -> float:
@@ -97,6 +109,16 @@ def weigh(case: Case) -> Weighing:
     if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
         laws = (*refine_all_laws(case, sticky), *_others(sticky, valves))
     return Weighing(healthy, sticky, laws, over_waves)
+
+
+def with_varying_friction(case: Case, weighing: Weighing) -> Weighing:
+    """The same, the valve described by friction that varies where it sticks and that explains more.
+
+    The evidence stays that of the laws: a stem that may slip anywhere explains spikes as well.
+    """
+    if weighing.evidence < case.settings.judging.threshold:
+        return weighing
+    return replace(weighing, varying=find_varying_friction(case, weighing.laws[0]))
 
 
 def _weighed(

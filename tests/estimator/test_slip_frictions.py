@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal, norm
 
-from estimator.evidence.slip_frictions import lead_of_slips
+from estimator import Verdict, identify
+from estimator.evidence.slip_frictions import find_varying_friction, lead_of_slips
+from estimator.evidence.verdict import count_strokes
 from estimator.hypotheses.friction_paths import Frictions, follow_paths
-from estimator.hypotheses.hypothesis import Case, Valve
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.noise import WHITE
 from estimator.processes.poles import Poles, Shape
 from tests.estimator.slipping import slip_by_chance
@@ -138,16 +140,22 @@ def _uneven(seed: int, spread: float) -> tuple[Array, Array, Array]:
     return op, stem, pv + 0.02 * rng.normal(size=n)
 
 
+def _by_law(window: Case, op: Array) -> tuple[Hypothesis, float, Poles]:
+    """The law of the means, scaled OP over OP, and the process."""
+    scale = float(window.rows.u.std() / op.std())
+    poles = Poles(Shape.LAGS, 7.8)
+    valve = Valve(5.0 * scale, 3.0 * scale, float(window.rows.u[0]))
+    return window.fit(valve, poles, 0, (), WHITE), scale, poles
+
+
 @pytest.mark.parametrize("seed", in_suite(2, range(10)))
 def test_slips_of_uneven_friction_are_found_where_no_law_does(
     case: Callable[..., Case], seed: int
 ) -> None:
     op, stem, pv = _uneven(seed, 0.06)
     window = case(op, pv, signed=False)
-    scale = float(window.rows.u.std() / op.std())
-    poles = Poles(Shape.LAGS, 7.8)
-    valve = Valve(5.0 * scale, 3.0 * scale, float(window.rows.u[0]))
-    sticky = window.fit(valve, poles, 0, (), WHITE)
+    sticky, scale, poles = _by_law(window, op)
+    valve = sticky.valve
     # in place of a load: PV behind the very stem
     known = window.fit(valve, poles, 0, (), WHITE, stem=(stem - op[0]) * scale + window.rows.u[0])
     slips = np.count_nonzero(np.diff(stem))
@@ -155,3 +163,34 @@ def test_slips_of_uneven_friction_are_found_where_no_law_does(
     # a slip costs what is not known of it beforehand: when, and how far
     assert -12.0 * slips < lead < 0.0
     assert lead + known.likelihood - sticky.likelihood > 50.0
+
+
+@pytest.mark.parametrize("seed", in_suite(2, range(20)))
+def test_an_uneven_valve_is_told_by_the_means_of_its_friction(seed: int) -> None:
+    """The law's stem misses slips: their number, S and J are those of a stem that may slip."""
+    op, stem, pv = _uneven(seed, 0.06)
+    found = identify(op, pv, period=1.0)
+    assert found.verdict is Verdict.STICTION
+    assert not found.uncertain
+    assert found.stick_band.value == pytest.approx(5.0, rel=0.15)
+    assert found.slip_jump.value == pytest.approx(3.0, rel=0.35)
+    assert found.stick_band.low < 5.0 < found.stick_band.high
+    assert found.slip_jump.low < 3.0 < found.slip_jump.high
+    assert found.evidence.strokes == pytest.approx(count_strokes(stem), abs=2)
+    # nearly everywhere as far as the stem moved
+    off = np.abs(found.stem - found.stem.mean() - (stem - stem.mean()))
+    assert np.median(off) < 0.3 * 5.0
+    assert found.evidence.steady > 50.0
+    assert any("friction changes from slip to slip" in one for one in found.identifiability)
+
+
+@pytest.mark.parametrize("seed", in_suite(2, range(20)))
+def test_a_valve_of_one_friction_stays_that_of_its_law(
+    case: Callable[..., Case], seed: int
+) -> None:
+    op, _, pv = _uneven(seed, 0.0)
+    window = case(op, pv, signed=False)
+    assert find_varying_friction(window, _by_law(window, op)[0]) is None
+    found = identify(op, pv, period=1.0)
+    assert found.stick_band.value == pytest.approx(5.0, rel=0.02)
+    assert found.stick_band.high - found.stick_band.low < 0.1 * 5.0
