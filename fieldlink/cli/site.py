@@ -32,9 +32,9 @@ def check(
     from fieldlink.site import load_site
 
     loaded = load_site(site)
-    unchecked = _check_plants(loaded)
+    further = (*_check_plants(loaded), *_check_broker(loaded))
     report = report_on(loaded)
-    report = replace(report, warnings=(*report.warnings, *unchecked))
+    report = replace(report, warnings=(*report.warnings, *further))
     if as_json:
         typer.echo(json.dumps(report.to_dict()))
         return
@@ -59,6 +59,23 @@ def _check_plants(site: Site) -> tuple[str, ...]:
     from fieldlink.lab.plc import check_plants
 
     check_plants(site)
+    return ()
+
+
+def _check_broker(site: Site) -> tuple[str, ...]:
+    """Return a warning where the files of the broker's password or certificates are of no use.
+
+    The daemon runs all the same, and keeps what it would publish.
+    """
+    if site.file.mqtt is None:
+        return ()
+    from fieldlink.upward import UpwardError
+    from fieldlink.upward.broker_settings import BrokerSettings
+
+    try:
+        BrokerSettings.of_site(site, "check")
+    except UpwardError as error:
+        return (f"nothing can be published: {error}",)
     return ()
 
 

@@ -6,7 +6,7 @@ They are read at the start, where a fault ends the daemon, and again for every c
 from __future__ import annotations
 
 import ssl
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fieldlink.secret import Secret, SecretError
 from fieldlink.site import Site
@@ -40,6 +40,14 @@ class BrokerSettings:
         return f"{self.host}:{self.port}"
 
     @classmethod
+    def without_files(cls, site: Site, suffix: str) -> BrokerSettings:
+        """The settings without what files hold: password and certificates."""
+        mqtt = site.file.mqtt
+        assert mqtt is not None
+        name = mqtt.client_id or f"fieldlink-{site.name}"
+        return cls(mqtt.host, mqtt.port, f"{name}-{suffix}", mqtt.keepalive)
+
+    @classmethod
     def of_site(cls, site: Site, suffix: str) -> BrokerSettings:
         """Read the settings and the files that they name.
 
@@ -66,7 +74,5 @@ class BrokerSettings:
                     f"({tls_words(error, files)}); give PEM files, the key "
                     "without a password and belonging to its certificate"
                 ) from error
-        name = mqtt.client_id or f"fieldlink-{site.name}"
-        return cls(
-            mqtt.host, mqtt.port, f"{name}-{suffix}", mqtt.keepalive, mqtt.username, password, tls
-        )
+        address = cls.without_files(site, suffix)
+        return replace(address, username=mqtt.username, password=password, tls=tls)

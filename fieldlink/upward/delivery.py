@@ -50,8 +50,9 @@ class Delivery:
 
     Args:
         form: the format.
-        settings: the broker.
-        reread: gives them with what their files hold now: a password or certificate may be new.
+        settings: the broker, without what files hold.
+        reread: gives them with what their files hold now: a password or certificate may be new, or
+            no more of use, which is told as a connection that was not made.
         spool: the messages.
         health: gives the site's health.
         tell: records events: kind, source, message, ``bad``.

@@ -67,7 +67,7 @@ class Publishing:
 
     Raises:
         MissingExtraError: a package is not installed.
-        UpwardError: a file of the table cannot be read.
+        UpwardError: the spool cannot be used.
     """
 
     def __init__(
@@ -92,9 +92,6 @@ class Publishing:
             from fieldlink.upward.sparkplug_format import SparkplugFormat
 
             self._formats.append(SparkplugFormat(site, desk, metadata.version("fieldlink")))
-        self._settings = {
-            form.name: BrokerSettings.of_site(site, form.name) for form in self._formats
-        }
         self._spool = Spool(
             site.data_dir / SPOOL,
             [form.name for form in self._formats],
@@ -155,7 +152,7 @@ class Publishing:
             self._deliveries = [
                 Delivery(
                     form,
-                    self._settings[form.name],
+                    BrokerSettings.without_files(self._site, form.name),
                     partial(BrokerSettings.of_site, self._site, form.name),
                     thread,
                     self._health,

@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from fieldlink.cli.app import app
 from tests.upward.conftest import event, sample, until
 from tests.upward.mosquitto import Mosquitto
 from tests.upward.test_outages import JSON_ONLY, acknowledged
@@ -222,3 +224,33 @@ async def test_a_broker_that_does_not_trust_us_is_told_with_the_remedy(
         assert running.waiting == 1
     await broker.kill()
     gc.collect()
+
+
+async def test_certificates_that_are_of_no_use_at_the_start_hold_up_nothing_but_the_broker(
+    bench: Callable[..., Any], tmp_path: Path
+) -> None:
+    import trustme
+
+    authority = trustme.CA()
+    (tmp_path / "ca.pem").write_text("no certificate\n")
+    server = authority.issue_cert("127.0.0.1")
+    server.cert_chain_pems[0].write_to_path(tmp_path / "server.pem")
+    server.private_key_pem.write_to_path(tmp_path / "server.key")
+    broker = Mosquitto(
+        tmp_path,
+        listener=f"certfile {tmp_path}/server.pem\nkeyfile {tmp_path}/server.key\n",
+    )
+    await broker.start()
+    async with bench(broker.port, f'{JSON_ONLY}\n[mqtt.tls]\nca = "ca.pem"') as running:
+        running.put(*(sample("FC101", number) for number in range(5)))
+        await until(lambda: "mqtt.lost" in running.kinds(), "the event")
+        assert "a certificate or key cannot be used" in running.events[0][2]
+        assert "give PEM files" in running.events[0][2]
+        said = CliRunner().invoke(app, ["check", str(tmp_path / "site.toml")])
+        assert said.exit_code == 0
+        assert "nothing can be published: " in said.output
+        authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+        await until(lambda: running.waiting == 0, "everything delivered")
+        said = CliRunner().invoke(app, ["check", str(tmp_path / "site.toml")])
+        assert "nothing can be published" not in said.output
+    await broker.kill()
