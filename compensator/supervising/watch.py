@@ -228,8 +228,8 @@ class LoopWatch:
             return WatchVerdict.HUNTING
         if self._still_settling(seen.error) or seen.limited:
             return WatchVerdict.FINE
-        # What the set-point explains is no deviation; inside the known range all of it counts.
-        counted = max(unexplained, min(abs(seen.error), self.before.largest))
+        # An error that the set-point explains is neither better nor worse than those of before.
+        counted = max(unexplained, min(abs(seen.error), math.sqrt(self.before.mean_square)))
         self._squares.append(counted**2)
         self._travels.append(max(0.0, seen.travel - self._asked))
         self._asked = max(0.0, self._asked - seen.travel)

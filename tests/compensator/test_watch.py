@@ -167,6 +167,15 @@ def test_pv_may_lag_behind_a_fast_set_point_but_not_leave_on_the_other_side(side
     assert (WatchVerdict.LEFT_RANGE in found) is (side > 0.0)
 
 
+@pytest.mark.parametrize("lag", [12.0, 30.0])
+def test_the_lag_of_pv_behind_a_long_ramp_is_not_worse_than_before(lag: float) -> None:
+    """A set-point that ramps by 0.4 a scan: in the 40 scans that PV is given it goes 16."""
+    watch = watch_of_a_slow_loop()
+    errors = [-min(0.4 * k, lag) for k in range(300)]
+    found = {watch.push(Watched(error, 0.0, 0.01, sp_change=0.4)) for error in errors}
+    assert (found == {WatchVerdict.FINE}) is (lag < 16.0)
+
+
 def test_an_error_at_the_take_over_may_take_long_to_return_but_has_to() -> None:
     """A level far off: it comes back by 0.2 a scan, for longer than a restart leaves out."""
     watch, stays = watch_of_a_slow_loop(), watch_of_a_slow_loop()
