@@ -94,6 +94,11 @@ class StemTracker:
         return len(self._hypotheses) > 0
 
     @property
+    def is_unsettled(self) -> bool:
+        """Whether what PV shows may be the answer to a step of the load that was seen."""
+        return self._unsettled > 0
+
+    @property
     def best(self) -> Belief:
         """The hypothesis that PV supports most."""
         return self._hypotheses.belief()

@@ -20,6 +20,10 @@ of a longer one makes it wait. One that expects it too late takes the answer for
 against it, moves back, and sees another load when the first answer is due: trackers of shorter dead
 times know it for what it is.
 
+And of the gain. Where PV answers twice as much as the model has it, each move goes too far, and its
+way back as well. A load that comes and goes beside a move looks the same: while a tracker holds
+that a load has stepped, PV speaks for no other gain.
+
 And of the gain's sign: a model of the wrong one moves PV away, takes that for load, and moves on. A
 tracker of the other sign is never acted upon. Where PV bears it out, the model is contradicted.
 """
@@ -59,6 +63,7 @@ class _Kind:
         claim: log-odds against it.
         late: samples by which PV answers later than the model has it, or sooner where negative.
         load_walk: of the load (`TrackerSettings.load_walk`).
+        gain: factor of the gain alone.
     """
 
     friction: float
@@ -66,6 +71,7 @@ class _Kind:
     claim: float
     late: int = 0
     load_walk: float = 0.0
+    gain: float = 1.0
 
     def of(self, valve: ValveModel) -> ValveModel:
         """Return the valve, given the model's."""
@@ -94,7 +100,7 @@ class TrackerBank:
         settings: TrackerSettings,
         noises: tuple[NoiseModel, ...],
     ) -> None:
-        self._settings = settings
+        self._settings, self._noises = settings, len(noises)
         settles = not prediction.process.is_integrating
         kinds = _possible_kinds(valve, settings, prediction.dead_time, settles=settles)
         self._kinds = [kind for kind in kinds for _ in noises]
@@ -106,7 +112,7 @@ class TrackerBank:
                 replace(
                     settings,
                     noise=noise,
-                    gain=settings.gain / kind.jump,
+                    gain=settings.gain * kind.gain / kind.jump,
                     load_walk=max(settings.load_walk, kind.load_walk),
                 ),
             )
@@ -148,9 +154,13 @@ class TrackerBank:
     def observe(self, pv: float, op: float) -> None:
         """Take in one scan; see `StemTracker.observe`."""
         keep = 1.0 - 1.0 / self._settings.bank_memory
-        for i, tracker in enumerate(self.trackers):
+        for tracker in self.trackers:
             tracker.observe(pv, op)
-            self._scores[i] = keep * self._scores[i] + tracker.innovations.evidence
+        for i, tracker in enumerate(self.trackers):
+            heard = tracker
+            if self._kinds[i].gain != 1.0 and tracker.is_unsettled:
+                heard = self.trackers[i % self._noises]  # the model itself, with the same noise
+            self._scores[i] = keep * self._scores[i] + heard.innovations.evidence
         for i, tracker in enumerate(self._turned):
             tracker.observe(pv, op)
             self._turned_scores[i] = keep * self._turned_scores[i] + tracker.innovations.evidence
@@ -186,6 +196,21 @@ def _turned(prediction: Prediction) -> Prediction:
     return Prediction.of(turned, "input")
 
 
+def _jump_factors(valve: ValveModel, settings: TrackerSettings) -> list[float]:
+    """Return the factors of the slip jump that are looked at: the settings', and from the largest
+    of them on twice as much each, up to the stick band.
+    """
+    factors = list(settings.jumps)
+    if not factors or valve.slip_jump <= 0.0:
+        return factors
+    factor = max(factors)
+    while factor > 1.0 and 2.0 * factor * valve.slip_jump <= valve.stick_band:
+        factor *= 2.0
+        factors.append(factor)
+    least = settings.least_jump * valve.stick_band
+    return [factor for factor in factors if factor * valve.slip_jump >= least]
+
+
 def _possible_kinds(
     valve: ValveModel, settings: TrackerSettings, dead_time: int, *, settles: bool
 ) -> list[_Kind]:
@@ -198,10 +223,11 @@ def _possible_kinds(
         _Kind(factor, 1.0, 0.0 if factor == 1.0 else settings.claim)
         for factor in settings.frictions
     ]
-    for factor in settings.jumps:
+    for factor in _jump_factors(valve, settings):
         price = settings.friction.price_of_jump(valve, factor)
         if price <= settings.claim and factor * valve.slip_jump <= valve.stick_band:
             kinds.append(_Kind(1.0, factor, price))
+    kinds += [_Kind(1.0, 1.0, settings.claim, gain=factor) for factor in settings.gains]
     kinds += [
         _Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late if late > -dead_time
     ]

@@ -107,6 +107,7 @@ class LoopJudge:
             travel=moved,
             noise_variance=compensator.held_variance,
             sp_travel=asked,
+            sp_change=change,
             limited=self.limited,
             at_limit=op <= limits.low + reach or op >= limits.high - reach,
         )

@@ -25,6 +25,7 @@ from compensator.supervising.cycles import GrowingCycles
 from compensator.supervising.figures import LoopFigures
 from compensator.supervising.harm import HarmWatch
 from compensator.supervising.promise import PromiseWatch
+from compensator.supervising.setpoint_way import SetpointWay
 from compensator.supervising.watch_settings import WatchSettings
 
 __all__ = ["LoopWatch", "RunAway", "WatchVerdict", "Watched"]
@@ -52,6 +53,7 @@ class Watched:
         travel: way of the stem, by the valve model.
         noise_variance: variance of PV that noise alone makes with the stem held.
         sp_travel: OP that the change of SP in this scan asks for.
+        sp_change: change of SP in this scan.
         limited: whether the set-point is out of OP's reach.
         at_limit: whether OP stands at an end of its range.
     """
@@ -60,6 +62,7 @@ class Watched:
     travel: float
     noise_variance: float
     sp_travel: float = 0.0
+    sp_change: float = 0.0
     limited: bool = False
     at_limit: bool = False
 
@@ -160,7 +163,10 @@ class LoopWatch:
         self._quietest = math.inf
         self._skip = self._patience = self._bad_for = self._excused = 0
         self._from = self._expected = 0.0
+        self._nearest, self._stalled = math.inf, 0
+        self._answer = min(dead_time + self.settings.trip_scans, self.settings.trip_latest)
         self._asked = 0.0
+        self._way = SetpointWay(min(horizon // 2, self._short))
 
     def restart(self, skip: int) -> None:
         """Leave out the next ``skip`` samples (a set-point change), at most the short window, and
@@ -168,6 +174,8 @@ class LoopWatch:
         """
         self._skip = self._patience = min(skip, self._short)
         self._from = self._expected = 0.0
+        self._nearest, self._stalled = math.inf, 0
+        self._way.restart()
         self._cycles.restart()
 
     def excuse(self, skip: int) -> None:
@@ -204,7 +212,10 @@ class LoopWatch:
         noise = math.sqrt(self._quietest)
         on_the_way = self._skip > 0 or seen.limited
         same_side = seen.error * self._from > 0.0
-        expected = self._expected if on_the_way and same_side else 0.0
+        self._way.push(seen.sp_change, out_of_reach=seen.limited)
+        returns = self._returns(abs(seen.error))
+        arriving = self._expected if (on_the_way or returns) and same_side else 0.0
+        expected = max(arriving, self._way.explains(seen.error))
         if self._run_away.push(seen, noise, expected):
             return WatchVerdict.LEFT_RANGE
         if self._overshoots(seen.error, noise):
@@ -217,10 +228,12 @@ class LoopWatch:
             return WatchVerdict.HUNTING
         if self._still_settling(seen.error) or seen.limited:
             return WatchVerdict.FINE
-        self._squares.append(seen.error**2)
+        # An error that the set-point explains is neither better nor worse than those of before.
+        counted = max(unexplained, min(abs(seen.error), math.sqrt(self.before.mean_square)))
+        self._squares.append(counted**2)
         self._travels.append(max(0.0, seen.travel - self._asked))
         self._asked = max(0.0, self._asked - seen.travel)
-        if self._cycles.push(seen.error, seen.noise_variance):
+        if self._cycles.push(math.copysign(counted, seen.error), seen.noise_variance):
             return WatchVerdict.GROWING
         verdict, window = self._judge()
         early = len(self._squares) < window
@@ -232,6 +245,12 @@ class LoopWatch:
         if self._bad_for <= self.settings.persist * self._short:
             return WatchVerdict.FINE
         return verdict
+
+    def _returns(self, size: float) -> bool:
+        """Whether an error has come nearer to zero than ever since the restart, of late."""
+        self._stalled = 0 if size < self._nearest else self._stalled + 1
+        self._nearest = min(size, self._nearest)
+        return self._stalled < self._answer
 
     def _overshoots(self, error: float, noise: float) -> bool:
         """Whether PV went as far beyond SP as it was away from it, and far beyond all before."""

@@ -16,6 +16,8 @@ from compensator import (
     Uncertainty,
     WatchSettings,
 )
+from compensator.stem_tracking.tracker_settings import TrackerSettings
+from compensator.stem_tracking.tracking import NOISE_KINDS
 from fieldlink.lab.study.closed_loop import EXAMPLE_1
 from loop_model import LoopModel, ProcessModel, ValveModel
 
@@ -49,6 +51,12 @@ def test_settings_of_the_watch_and_of_the_supervisor_are_checked() -> None:
         RetrySettings(after=0)
     with pytest.raises(CompensatorError, match="static_friction must not be negative"):
         Uncertainty(math.nan)
+
+
+@pytest.mark.parametrize("name", ["gains", "jumps", "frictions"])
+def test_factors_of_other_valves_and_gains_are_checked(name: str) -> None:
+    with pytest.raises(CompensatorError, match=f"{name} are factors above 0"):
+        TrackerSettings(NOISE_KINDS[0], **{name: (1.0, -0.5)})  # type: ignore[arg-type]
 
 
 def test_a_horizon_inside_the_dead_time_is_refused() -> None:

@@ -50,6 +50,19 @@ def test_take_over_waits_for_rest_and_does_not_touch_op(compensated: Loop) -> No
     assert compensated.stem[k + 1] == compensated.stem[k] == compensated.stem[k - 1]
 
 
+def test_a_set_point_that_ramps_out_of_reach_and_back_gives_up_no_model(compensated: Loop) -> None:
+    """It goes 70 beyond the first, where OP allows 45, stays for 220 scans and comes back."""
+    sp, farthest = REST + 2.5, 0.0
+    for k in range(900):
+        sp += 0.25 if k < 280 else -0.25 if 500 <= k < 780 else 0.0
+        compensated.run(1, sp)
+        farthest = max(farthest, sp - compensated.pv[-1])
+    assert farthest > 20.0
+    assert compensated.supervisor.compensating
+    assert compensated.supervisor.reason is WithdrawReason.NONE
+    assert abs(compensated.pv[-1] - sp) < 0.5
+
+
 @pytest.mark.parametrize(
     "reason",
     [WithdrawReason.EXPIRED, WithdrawReason.HEARTBEAT_DEAD, WithdrawReason.OPERATOR],

@@ -61,7 +61,7 @@ def test_a_dead_time_a_sample_too_long_is_not_taken_for_a_wrong_gain(seed: int) 
 
 def bank_of(valve: ValveModel, uncertainty: Uncertainty) -> list[tuple[float, float]]:
     friction = FrictionPrior(uncertainty=uncertainty)
-    settings = TrackerSettings(NOISE_KINDS[0], friction=friction, late=(), restless=())
+    settings = TrackerSettings(NOISE_KINDS[0], friction=friction, late=(), restless=(), gains=())
     bank = TrackerBank(Prediction.of(EXAMPLE_1.process, "input"), valve, settings, NOISE_KINDS[:1])
     return [(t.valve.slip_jump / valve.slip_jump, t.settings.gain) for t in bank.trackers]
 
@@ -77,6 +77,9 @@ def test_other_slip_jumps_are_followed_as_far_as_the_interval_reaches() -> None:
     # of 12 %: 0.4 is five away
     narrow = bank_of(valve, Uncertainty(0.18, 0.18))[frictions:]
     assert [factor for factor, _ in narrow] == pytest.approx([0.65])
+    # a J near 0 that may be anything: up to S, by twice as much each, none below a twentieth of S
+    anything = bank_of(ValveModel(6.25, 0.25), Uncertainty(1.2, 1.0))[frictions:]
+    assert [factor for factor, _ in anything] == pytest.approx([1.6, 3.2, 6.4, 12.8])
     # J never exceeds S
     assert max(f for f, _ in bank_of(ValveModel(4.0, 3.0), Uncertainty(1.0, 1.0))) <= 4.0 / 3.0
 

@@ -139,6 +139,54 @@ def test_a_set_point_out_of_reach_is_not_worse() -> None:
         )
 
 
+def watch_of_a_slow_loop(horizon: int = 80) -> LoopWatch:
+    return LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), QUICK, horizon=horizon, dead_time=5)
+
+
+def test_a_set_point_that_ramps_out_of_reach_and_back_is_no_runaway() -> None:
+    watch = watch_of_a_slow_loop()
+    sp, found = 0.0, set()
+    for k in range(900):
+        change = 0.1 if k < 300 else -0.1 if k >= 600 else 0.0
+        sp += change
+        pv = min(sp, 3.0)  # what OP's range allows
+        found.add(watch.push(Watched(pv - sp, 0.0, 0.01, sp_change=change, limited=sp > 3.0)))
+    assert found == {WatchVerdict.FINE}
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_pv_may_lag_behind_a_fast_set_point_but_not_leave_on_the_other_side(side: float) -> None:
+    """A set-point that ramps by 0.4 a scan for 30 scans, inside the reach of OP."""
+    watch = watch_of_a_slow_loop()
+    found = set()
+    for k in range(80):
+        change = 0.4 if k < 30 else 0.0
+        size = 0.4 * k if k < 30 else 12.0 * math.exp(-(k - 30) / 10.0)
+        found.add(watch.push(Watched(side * size, 0.0, 0.01, sp_change=change)))
+    assert (found == {WatchVerdict.FINE}) is (side < 0.0)
+    assert (WatchVerdict.LEFT_RANGE in found) is (side > 0.0)
+
+
+@pytest.mark.parametrize("lag", [12.0, 30.0])
+def test_the_lag_of_pv_behind_a_long_ramp_is_not_worse_than_before(lag: float) -> None:
+    """A set-point that ramps by 0.4 a scan: in the 40 scans that PV is given it goes 16."""
+    watch = watch_of_a_slow_loop()
+    errors = [-min(0.4 * k, lag) for k in range(300)]
+    found = {watch.push(Watched(error, 0.0, 0.01, sp_change=0.4)) for error in errors}
+    assert (found == {WatchVerdict.FINE}) is (lag < 16.0)
+
+
+def test_an_error_at_the_take_over_may_take_long_to_return_but_has_to() -> None:
+    """A level far off: it comes back by 0.2 a scan, for longer than a restart leaves out."""
+    watch, stays = watch_of_a_slow_loop(), watch_of_a_slow_loop()
+    for one in (watch, stays):
+        one.restart(40)
+    returned = {watch.push(Watched(max(40.0 - 0.2 * k, 0.0), 0.0, 0.01)) for k in range(260)}
+    assert WatchVerdict.LEFT_RANGE not in returned
+    found = {stays.push(Watched(max(40.0 - 0.2 * k, 20.0), 0.0, 0.01)) for k in range(260)}
+    assert WatchVerdict.LEFT_RANGE in found
+
+
 def test_travel_over_its_budget_is_noticed_however_good_pv_is() -> None:
     watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), QUICK, stroke=10.0)
     found = [watch.push(Watched(0.05, 2.5, 1e-4)) for _ in range(300)]
