@@ -17,6 +17,7 @@ from estimator.diagnosis.long_noise import under_long_noise, with_long_noise
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import Weighing
 from estimator.evidence.effect import effect_of
+from estimator.evidence.slip_frictions import find_varying_friction
 from estimator.evidence.verdict import count_strokes
 from estimator.evidence.weighing import fit_healthy, weigh
 from estimator.hypotheses.hypothesis import Case, Hypothesis
@@ -103,9 +104,33 @@ def judge_valve(
             return ValveEvidence(sticky, left), plain
     if evidence < judging.threshold:
         return ValveEvidence(sticky, evidence), plain
-    strokes, screening = count_strokes(sticky.stem), case.settings.screening
-    if strokes < screening.min_strokes:
+    few, spread, sticks = _shown(case, rival, sticky)
+    if not sticks:
+        # a law may have lost a valve whose friction changes from slip to slip
+        varying = find_varying_friction(case, sticky)
+        if varying is not None:
+            few, spread, sticks = _shown(case, rival, varying.hypothesis)
+    if few:
         return ValveEvidence(sticky, evidence), plain
+    # a valve that was found in another search is likelier than the one that was compared
+    over_waves = found.over_waves
+    if found.sticky is not None:
+        over_waves += sticky.likelihood - found.sticky.likelihood
+    return (
+        ValveEvidence(sticky, evidence, spread, effect_of(case, sticky), sticks, over_waves),
+        plain,
+    )
+
+
+def _shown(case: Case, rival: Rival, sticky: Hypothesis) -> tuple[bool, float, bool]:
+    """Whether a valve makes too few strokes, its evidence without the best part, and if it sticks.
+
+    The evidence is over a rival, in nats; all of the window must show that the valve sticks.
+    """
+    judging, screening = case.settings.judging, case.settings.screening
+    strokes = count_strokes(sticky.stem)
+    if strokes < screening.min_strokes:
+        return True, math.nan, False
     # no part is shorter than a stroke: it would leave most of the one that shows it all
     spread = without_best(case, rival, sticky, min(judging.parts, max(2, strokes)))
     enough, from_there = judging.few
@@ -115,14 +140,7 @@ def judge_valve(
         and sticky.valve.band >= screening.min_band
         and (strokes >= enough or spread >= from_there)
     )
-    # a valve that was found in another search is likelier than the one that was compared
-    over_waves = found.over_waves
-    if found.sticky is not None:
-        over_waves += sticky.likelihood - found.sticky.likelihood
-    return (
-        ValveEvidence(sticky, evidence, spread, effect_of(case, sticky), sticks, over_waves),
-        plain,
-    )
+    return False, spread, sticks
 
 
 def _search_again(case: Case, sticky: Hypothesis, other: Case) -> Hypothesis:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal, norm
 
+from benchmarks import uneven_friction
 from estimator import Verdict, identify
+from estimator.diagnosis import CauseName, diagnose
 from estimator.evidence.slip_frictions import find_varying_friction, lead_of_slips
 from estimator.evidence.verdict import count_strokes
 from estimator.hypotheses.friction_paths import Frictions, follow_paths
@@ -194,3 +196,14 @@ def test_a_valve_of_one_friction_stays_that_of_its_law(
     found = identify(op, pv, period=1.0)
     assert found.stick_band.value == pytest.approx(5.0, rel=0.02)
     assert found.stick_band.high - found.stick_band.low < 0.1 * 5.0
+
+
+def test_a_law_that_lost_the_valve_does_not_count_its_strokes() -> None:
+    """The likeliest law makes two strokes of ten: verdict and diagnosis go by the slips."""
+    loop = uneven_friction.draw(54)
+    assert loop is not None
+    found = identify(loop.op, loop.pv, period=1.0)
+    assert found.verdict is Verdict.STICTION
+    assert found.evidence.strokes == pytest.approx(count_strokes(loop.stem), abs=2)
+    first = diagnose(loop.op, loop.pv, period=1.0, advice=False, figures=False).causes[0]
+    assert first.name is CauseName.STICKY_VALVE
