@@ -16,7 +16,7 @@ from estimator.diagnosis.curvature import curvature_of
 from estimator.diagnosis.explanations import Explained, explain
 from estimator.diagnosis.facts import by_hand_of, in_long_runs, limits_of, sensor_of, span_of
 from estimator.diagnosis.figures import few_steps, share_around
-from estimator.diagnosis.gathered import Gathered
+from estimator.diagnosis.gathered import Gathered, OwnWave
 from estimator.diagnosis.headroom import headroom_of
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.loop_record import (
@@ -147,6 +147,7 @@ def gather(
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
         removable=removable,
         ask_headroom=lambda: headroom_of(free, controller, swing, settings),
+        ask_own_wave=lambda: _own_wave(cut, loop, swing, controller, settings),
     )
     return Facts(found, recorded, cut, (*tell_shift(late), *([slow.why] if slow.why else [])))
 
@@ -209,6 +210,25 @@ def _explain(
         late=int(late), exact=exact, valve_is_healthy=valve_is_healthy,
         weighing=settings.weighing, advising=settings.advising,
     )  # fmt: skip
+
+
+def _own_wave(
+    cut: LoopRecord,
+    loop: LinearLoop | None,
+    swing: Oscillation,
+    controller: Controller | None,
+    settings: DiagnosisSettings,
+) -> OwnWave | None:
+    """Weigh a wave from outside at the period at which the identified loop swings by itself."""
+    if loop is None:
+        return None
+    period_s = loop.swing()[0] * loop.period
+    own = replace(swing, present=True, period_s=period_s, cycles=cut.op.size * cut.period / period_s)
+    again = _explain(cut, own, controller, 0.0, True, settings)
+    beside = _closed(None if again is None else again.beside_wave, controller)
+    if again is None or beside is None:
+        return None
+    return OwnWave(beside.amplification(period_s), again.outside)
 
 
 def _known_process(

@@ -18,7 +18,7 @@ from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.outcomes import Reason, ReasonCode
 
-__all__ = ["Gathered", "error_lasts"]
+__all__ = ["Gathered", "OwnWave", "error_lasts"]
 
 _STEEPEST = math.exp(5.0)
 """Largest factor on a gain: beyond, any loop swings."""
@@ -36,6 +36,23 @@ def error_lasts(predictable: tuple[float, float], settings: DiagnosisSettings) -
 def _unknown() -> float:
     """NaN: nothing was asked."""
     return math.nan
+
+
+def _nothing() -> None:
+    """No wave was tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnWave:
+    """What a wave from outside at the period of the loop's own swing leaves of that swing.
+
+    Attributes:
+        beside: how the process as fitted beside it amplifies that period.
+        evidence: for the wave over none, nats.
+    """
+
+    beside: float
+    evidence: float
 
 
 @dataclass(frozen=True)
@@ -68,6 +85,7 @@ class Gathered:
         removable: share of the squared error that robust settings would remove, by the identified
             process; NaN where no such settings can be found.
         ask_headroom: finds `headroom`, which costs more than most of the others.
+        ask_own_wave: finds `own_wave`.
         samples: of the window that was explained.
         duration_s: of the whole record.
     """
@@ -98,6 +116,7 @@ class Gathered:
     open_share: float = 0.0
     removable: float = math.nan
     ask_headroom: Callable[[], float] = _unknown
+    ask_own_wave: Callable[[], OwnWave | None] = _nothing
     samples: int = 0
     duration_s: float = math.inf
 
@@ -115,6 +134,11 @@ class Gathered:
         """
         return self.ask_headroom()
 
+    @cached_property
+    def own_wave(self) -> OwnWave | None:
+        """The wave at the period of the loop's own swing; None where none could be fitted."""
+        return self.ask_own_wave()
+
     def amplification(self) -> tuple[float, float]:
         """How the loop amplifies a disturbance at the oscillation's period, and Ms."""
         return self._amplification
@@ -126,7 +150,7 @@ class Gathered:
         margins = self.loop.margins()
         if not self.swing.present:
             return math.nan, margins.sensitivity
-        return self._at_period(self.loop), margins.sensitivity
+        return self.loop.amplification(self.swing.period_s), margins.sensitivity
 
     def amplification_beside_wave(self) -> float:
         """The same at the oscillation's period by what the record shows away from it, or NaN.
@@ -135,7 +159,7 @@ class Gathered:
         """
         if self.loop_beside_wave is None or not self.swing.present:
             return math.nan
-        return self._at_period(self.loop_beside_wave)
+        return self.loop_beside_wave.amplification(self.swing.period_s)
 
     def amplification_at_steepest(self) -> float:
         """The same where the gain is largest within the middle nine tenths of OP or PV, or NaN."""
@@ -144,12 +168,7 @@ class Gathered:
         curvature = self.curvature
         steeper = 1.0 if curvature is None else min(_STEEPEST, curvature.steepest)
         loop = replace(self.loop, b=self.loop.b * steeper)
-        return self._at_period(loop) if loop.margins().stable else math.inf
-
-    def _at_period(self, loop: LinearLoop) -> float:
-        # the identified resonance and the measured period agree to some per cent
-        f = loop.period / self.swing.period_s * np.geomspace(0.9, 1.1, 9)
-        return float(np.max(np.abs(loop.sensitivity(f[f < 0.5])), initial=0.0))
+        return loop.amplification(self.swing.period_s) if loop.margins().stable else math.inf
 
     @property
     def has_gap(self) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.diagnosis.gathered import Gathered, error_lasts
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
-from estimator.diagnosis.swing_causes import find_outside, find_tight
+from estimator.diagnosis.swing_causes import find_outside, find_tight, may_be_swung
 from estimator.diagnosis.tuning import Advice
 from estimator.diagnosis.wording import digits
 
@@ -41,7 +41,8 @@ def find_slow(
         return None
     outside = find_outside(found, settings)
     unexplained = found.swing.present and outside is None and not found.is_sticky
-    if unexplained and found.amplification()[0] > judging.tight:
+    rings = unexplained and found.amplification()[0] > judging.tight
+    if rings or may_be_swung(found, settings):
         # a loop that may swing by itself is not slow
         return None
     one, two = found.predictable
