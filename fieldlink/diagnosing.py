@@ -154,9 +154,7 @@ def diagnose_files(files: Mapping[str, Path], columns: Columns) -> Plant:
     return plant_of(list(answered))
 
 
-def diagnose_loops(
-    path: Path, loops: Mapping[str, Read], op_span: float | None = None
-) -> Plant:
+def diagnose_loops(path: Path, loops: Mapping[str, Read], op_span: float | None = None) -> Plant:
     """Diagnose the loops of one file, and find the groups that swing together.
 
     The file is read here, a loop at a time, and worker processes diagnose.

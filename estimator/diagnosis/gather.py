@@ -223,7 +223,9 @@ def _own_wave(
     if loop is None:
         return None
     period_s = loop.swing()[0] * loop.period
-    own = replace(swing, present=True, period_s=period_s, cycles=cut.op.size * cut.period / period_s)
+    own = replace(
+        swing, present=True, period_s=period_s, cycles=cut.op.size * cut.period / period_s
+    )
     again = _explain(cut, own, controller, 0.0, True, settings)
     beside = _closed(None if again is None else again.beside_wave, controller)
     if again is None or beside is None:

@@ -108,8 +108,9 @@ def _tight_or_swung(found: Gathered) -> Cause:
     assert found.loop is not None
     period_s = found.loop.swing()[0] * found.loop.period
     text = (
-        f"the identified loop swings by itself with a period of {digits(period_s, 4)} s, and beside "
-        f"a wave from outside of that period it does not: a tight loop and a wave explain it alike"
+        f"the identified loop swings by itself with a period of {digits(period_s, 4)} s, and "
+        f"beside a wave from outside of that period it does not: a tight loop and a wave explain "
+        f"it alike"
     )
     return Cause(CauseName.UNDETERMINED, 0.0, (text,))
 

@@ -34,7 +34,7 @@ def find_slow(
 ) -> Cause | None:
     """Return slow tuning as a cause, where the record shows it."""
     judging, controller = settings.judging, found.controller
-    if controller is None or (found.swing.present and find_tight(found, settings) is not None):
+    if controller is None or find_tight(found, settings) is not None:
         return None
     if found.drawn is not None or found.has_gap:
         # how long the error lasts is not that of the loop: a historian drew it, or a gap leaves it

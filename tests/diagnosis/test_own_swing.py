@@ -1,0 +1,91 @@
+"""A loop that seems to swing by itself where no oscillation is seen, and what swings it as well."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.diagnosis.causes import rank_causes
+from estimator.diagnosis.explanations import Explained
+from estimator.diagnosis.facts import Limits
+from estimator.diagnosis.gathered import Gathered, OwnWave
+from estimator.diagnosis.linear_loop import LinearLoop
+from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
+from estimator.diagnosis.settings import DIAGNOSIS
+from fieldlink.diagnosis import Controller
+from loop_model import ProcessModel
+
+POLE = math.exp(-1.0 / 12.0)
+PROCESS = ProcessModel((-POLE,), (1.5 * (1.0 - POLE),), 4, 0.0, 1.0)
+"""A lag of 12 samples; under `CONTROLLER` its Ms is 9."""
+CONTROLLER = Controller("PI", 3.0, 12.0, 0.0, 3.0 / 12.0, 0.0, "error", 0, 1.0, True)
+
+
+def still() -> Oscillation:
+    swing = detect_oscillation(np.random.default_rng(5).standard_normal(600), period=1.0)
+    assert not swing.present
+    return swing
+
+
+def facts(process: float, outside: float) -> Gathered:
+    """A loop whose process has that evidence, and a wave from outside this one, in nats."""
+    explained = Explained((), -12.0, outside, 0.0, process, PROCESS, np.zeros(1), 0.0, 0.0, 0.0, 0)
+    loop = LinearLoop.of(PROCESS, CONTROLLER)
+    return Gathered(
+        swing=still(),
+        signal="error",
+        limits=Limits(0.0, 0.0, False, False, math.nan, np.zeros(600, dtype=bool)),
+        has_pv=True,
+        controller=CONTROLLER,
+        explained=explained,
+        loop=loop,
+        predictable=(0.95, 0.9),
+        samples=1500,
+        ask_headroom=lambda: 0.99,
+    )
+
+
+@pytest.mark.parametrize(
+    ("wave", "name"),
+    [
+        (None, "tight_tuning"),
+        (OwnWave(beside=5.0, evidence=-14.0), "tight_tuning"),
+        (OwnWave(beside=5.0, evidence=9.0), "undetermined"),
+        (OwnWave(beside=2.0, evidence=-3.0), "undetermined"),
+        (OwnWave(beside=1.2, evidence=-6.0), "undetermined"),
+    ],
+)
+def test_a_swing_that_nobody_sees_is_the_loop_s_where_it_stays_beside_a_wave(
+    wave: OwnWave | None, name: str
+) -> None:
+    found = replace(facts(process=60.0, outside=-math.inf), ask_own_wave=lambda: wave)
+    assert found.loop is not None
+    assert found.loop.margins().sensitivity > 4.4
+    causes = rank_causes(found, DIAGNOSIS)
+    # neither slow, whatever room there seems to be
+    assert [cause.name for cause in causes] == [name]
+    if name == "undetermined":
+        assert "beside a wave from outside of that period it does not" in causes[0].evidence[0]
+
+
+@pytest.mark.parametrize(
+    ("process", "wanders", "name"),
+    [(5.0, 0.4, "undetermined"), (5.0, 0.1, "external_oscillation"),
+     (60.0, 0.4, "external_oscillation")],
+)  # fmt: skip
+def test_a_process_that_hardly_shows_does_not_clear_a_loop_whose_swing_wanders(
+    process: float, wanders: float, name: str
+) -> None:
+    # the swing is far slower than the loop's own: the loop does not amplify it
+    swing = replace(
+        still(), present=True, period_s=300.0, cycles=20.0, regularity=20.0, decay=0.9, share=0.9
+    )
+    found = replace(
+        facts(process, outside=4.0), swing=swing, amplitude=wanders, in_phase=0.9,
+        predictable=(0.0, 0.0), swing_share=0.9, ask_headroom=lambda: 0.0,
+    )  # fmt: skip
+    assert found.amplification()[0] < DIAGNOSIS.judging.tight
+    assert rank_causes(found, DIAGNOSIS)[0].name == name
