@@ -16,7 +16,7 @@ from estimator.diagnosis.curvature import curvature_of
 from estimator.diagnosis.explanations import Explained, explain
 from estimator.diagnosis.facts import by_hand_of, in_long_runs, limits_of, sensor_of, span_of
 from estimator.diagnosis.figures import few_steps, share_around
-from estimator.diagnosis.gathered import Gathered, OwnWave
+from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.headroom import headroom_of
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.loop_record import (
@@ -218,19 +218,15 @@ def _own_wave(
     swing: Oscillation,
     controller: Controller | None,
     settings: DiagnosisSettings,
-) -> OwnWave | None:
+) -> float:
     """Weigh a wave from outside at the period at which the identified loop swings by itself."""
     if loop is None:
-        return None
+        return math.nan
     period_s = loop.swing()[0] * loop.period
-    own = replace(
-        swing, present=True, period_s=period_s, cycles=cut.op.size * cut.period / period_s
-    )
+    cycles = cut.op.size * cut.period / period_s
+    own = replace(swing, present=True, period_s=period_s, cycles=cycles)
     again = _explain(cut, own, controller, 0.0, True, settings)
-    beside = _closed(None if again is None else again.beside_wave, controller)
-    if again is None or beside is None:
-        return None
-    return OwnWave(beside.amplification(period_s), again.outside)
+    return math.nan if again is None else again.outside
 
 
 def _known_process(

@@ -18,7 +18,7 @@ from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.outcomes import Reason, ReasonCode
 
-__all__ = ["Gathered", "OwnWave", "error_lasts"]
+__all__ = ["Gathered", "error_lasts"]
 
 _STEEPEST = math.exp(5.0)
 """Largest factor on a gain: beyond, any loop swings."""
@@ -36,23 +36,6 @@ def error_lasts(predictable: tuple[float, float], settings: DiagnosisSettings) -
 def _unknown() -> float:
     """NaN: nothing was asked."""
     return math.nan
-
-
-def _nothing() -> None:
-    """No wave was tried."""
-
-
-@dataclass(frozen=True, slots=True)
-class OwnWave:
-    """What a wave from outside at the period of the loop's own swing leaves of that swing.
-
-    Attributes:
-        beside: how the process as fitted beside it amplifies that period.
-        evidence: for the wave over none, nats.
-    """
-
-    beside: float
-    evidence: float
 
 
 @dataclass(frozen=True)
@@ -116,7 +99,7 @@ class Gathered:
     open_share: float = 0.0
     removable: float = math.nan
     ask_headroom: Callable[[], float] = _unknown
-    ask_own_wave: Callable[[], OwnWave | None] = _nothing
+    ask_own_wave: Callable[[], float] = _unknown
     samples: int = 0
     duration_s: float = math.inf
 
@@ -135,8 +118,8 @@ class Gathered:
         return self.ask_headroom()
 
     @cached_property
-    def own_wave(self) -> OwnWave | None:
-        """The wave at the period of the loop's own swing; None where none could be fitted."""
+    def own_wave(self) -> float:
+        """Evidence (nats) for a wave from outside at the period of the loop's own swing, or NaN."""
         return self.ask_own_wave()
 
     def amplification(self) -> tuple[float, float]:
@@ -150,7 +133,7 @@ class Gathered:
         margins = self.loop.margins()
         if not self.swing.present:
             return math.nan, margins.sensitivity
-        return self.loop.amplification(self.swing.period_s), margins.sensitivity
+        return self._at_period(self.loop), margins.sensitivity
 
     def amplification_beside_wave(self) -> float:
         """The same at the oscillation's period by what the record shows away from it, or NaN.
@@ -159,7 +142,7 @@ class Gathered:
         """
         if self.loop_beside_wave is None or not self.swing.present:
             return math.nan
-        return self.loop_beside_wave.amplification(self.swing.period_s)
+        return self._at_period(self.loop_beside_wave)
 
     def amplification_at_steepest(self) -> float:
         """The same where the gain is largest within the middle nine tenths of OP or PV, or NaN."""
@@ -168,7 +151,12 @@ class Gathered:
         curvature = self.curvature
         steeper = 1.0 if curvature is None else min(_STEEPEST, curvature.steepest)
         loop = replace(self.loop, b=self.loop.b * steeper)
-        return loop.amplification(self.swing.period_s) if loop.margins().stable else math.inf
+        return self._at_period(loop) if loop.margins().stable else math.inf
+
+    def _at_period(self, loop: LinearLoop) -> float:
+        # the identified resonance and the measured period agree to some per cent
+        f = loop.period / self.swing.period_s * np.geomspace(0.9, 1.1, 9)
+        return float(np.max(np.abs(loop.sensitivity(f[f < 0.5])), initial=0.0))
 
     @property
     def has_gap(self) -> bool:

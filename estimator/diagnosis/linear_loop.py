@@ -95,12 +95,6 @@ class LinearLoop:
         """From a disturbance on PV to PV in closed loop."""
         return np.asarray(1.0 / (1.0 + self.open_loop(frequency)))
 
-    def amplification(self, period_s: float) -> float:
-        """How the loop amplifies a disturbance on PV at that period, s, or within a tenth of it."""
-        # the identified resonance and a measured period agree to some per cent
-        f = self.period / period_s * np.geomspace(0.9, 1.1, 9)
-        return float(np.max(np.abs(self.sensitivity(f[f < 0.5])), initial=0.0))
-
     def characteristic(self) -> Array:
         """The closed loop's characteristic polynomial in ``q^-1``."""
         first, second = np.convolve(self.a, self.t), np.convolve(self.b, self.r)

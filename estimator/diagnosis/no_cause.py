@@ -104,13 +104,13 @@ def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
 
 
 def _tight_or_swung(found: Gathered) -> Cause:
-    """The loop seems to swing by itself, and beside a wave from outside it does not."""
+    """The loop seems to swing by itself, and a wave from outside is about as likely."""
     assert found.loop is not None
     period_s = found.loop.swing()[0] * found.loop.period
     text = (
-        f"the identified loop swings by itself with a period of {digits(period_s, 4)} s, and "
-        f"beside a wave from outside of that period it does not: a tight loop and a wave explain "
-        f"it alike"
+        f"the identified loop swings by itself with a period of {digits(period_s, 4)} s, but a "
+        f"wave from outside of that period explains PV about as well (log Bayes factor of the wave "
+        f"{found.own_wave:.0f}): a tight loop or a wave"
     )
     return Cause(CauseName.UNDETERMINED, 0.0, (text,))
 

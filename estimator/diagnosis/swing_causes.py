@@ -158,17 +158,10 @@ def _seems_to_ring(found: Gathered, settings: DiagnosisSettings) -> bool:
 def may_be_swung(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether the loop that seems to swing by itself may be swung from outside as well.
 
-    A process takes a wave that nobody sees for its own resonance. Beside a wave of that period it
-    has none.
+    A process takes a wave that nobody sees for its own resonance: the loop alone must be likelier
+    than a wave of that period, by as much as any explanation over its rivals.
     """
-    if not _seems_to_ring(found, settings):
-        return False
-    wave, judging = found.own_wave, settings.judging
-    if wave is None:
-        return False
-    # as for an oscillation that is seen: what shows beside the wave amplifies it as well
-    unsure = judging.unsure if wave.beside > judging.tight else -judging.unsure
-    return wave.beside <= judging.well or wave.evidence >= unsure
+    return _seems_to_ring(found, settings) and found.own_wave > -settings.judging.threshold
 
 
 def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
