@@ -15,8 +15,9 @@ from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
 from estimator.diagnosis.settings import DIAGNOSIS
-from fieldlink.diagnosis import Controller
+from fieldlink.diagnosis import Controller, diagnose
 from loop_model import ProcessModel
+from tests.closed_loop import run
 
 POLE = math.exp(-1.0 / 12.0)
 PROCESS = ProcessModel((-POLE,), (1.5 * (1.0 - POLE),), 4, 0.0, 1.0)
@@ -88,3 +89,18 @@ def test_a_process_that_hardly_shows_does_not_clear_a_loop_whose_swing_wanders(
     )  # fmt: skip
     assert found.amplification()[0] < DIAGNOSIS.judging.tight
     assert rank_causes(found, DIAGNOSIS)[0].name == name
+
+
+@pytest.mark.parametrize(
+    ("period", "size", "gain", "lag", "seed"),
+    [(49.25, 0.442, 0.959, 20.0, 167), (47.56, 0.411, 0.589, 20.0, 233)],
+)
+def test_a_small_wave_through_a_well_tuned_loop_is_no_tight_tuning(
+    period: float, size: float, gain: float, lag: float, seed: int
+) -> None:
+    wave = size * np.sin(2.0 * np.pi * np.arange(1500) / period)
+    loop = run(gain=gain, integral_time=lag, lag=lag, load=wave, noise=0.05, seed=seed)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=1.0, advice=False)
+    assert not answer.oscillation.present
+    assert answer.first.name == "undetermined"
+    assert "a tight loop or a wave" in answer.first.evidence[0]
