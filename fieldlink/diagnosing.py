@@ -61,9 +61,9 @@ _READ_AHEAD = 2
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Names of a file's columns and its period, where they are not the usual ones.
+    """Names of a file's columns, its period and OP's span, where they are not the usual ones.
 
-    ``loop`` names one of a file's loops, None where all are meant.
+    ``loop`` names one of a file's loops, None where all are meant; ``op_span`` is in units of OP.
     """
 
     op: str | None = None
@@ -73,6 +73,7 @@ class Columns:
     time: str | None = None
     period: float | None = None
     loop: str | None = None
+    op_span: float | None = None
 
     def names(self) -> dict[str, str | None]:
         """The columns by role."""
@@ -138,10 +139,12 @@ def diagnose_files(files: Mapping[str, Path], columns: Columns) -> Plant:
         DiagnosisError: none of the files can be read.
     """
     if len(files) <= _FEW:
-        found = [_answers_of_file(path, columns, _spread) for path in files.values()]
+        spread = partial(_spread, op_span=columns.op_span)
+        found = [_answers_of_file(path, columns, spread) for path in files.values()]
     else:
         with _workers() as pool:
-            work = partial(_answers_of_file, columns=columns, answer_all=_in_turn)
+            in_turn = partial(_in_turn, op_span=columns.op_span)
+            work = partial(_answers_of_file, columns=columns, answer_all=in_turn)
             found = list(pool.map(work, files.values()))
     answered = (
         (name, loop, answer)
@@ -151,7 +154,7 @@ def diagnose_files(files: Mapping[str, Path], columns: Columns) -> Plant:
     return plant_of(list(answered))
 
 
-def diagnose_loops(path: Path, loops: Mapping[str, Read]) -> Plant:
+def diagnose_loops(path: Path, loops: Mapping[str, Read], op_span: float | None = None) -> Plant:
     """Diagnose the loops of one file, and find the groups that swing together.
 
     The file is read here, a loop at a time, and worker processes diagnose.
@@ -159,11 +162,12 @@ def diagnose_loops(path: Path, loops: Mapping[str, Read]) -> Plant:
     Args:
         path: the file.
         loops: as `loops_in` gives them.
+        op_span: OP's span in its own units, of all of them; None if not known.
 
     Raises:
         DiagnosisError: none of the loops can be read.
     """
-    return plant_of([(path.stem, name, answer) for name, answer in _spread(loops)])
+    return plant_of([(path.stem, name, answer) for name, answer in _spread(loops, op_span)])
 
 
 def diagnose_store(
@@ -212,16 +216,19 @@ def _answers_of_file(
     return [(name if len(loops) > 1 else "", answer) for name, answer in answer_all(loops)]
 
 
-def _in_turn(loops: Mapping[str, Read]) -> _ByLoop:
+def _in_turn(loops: Mapping[str, Read], op_span: float | None = None) -> _ByLoop:
     for name, read_one in loops.items():
         recording = _read_or_reason(read_one)
-        yield name, recording if isinstance(recording, str) else answer_of(recording)
+        if isinstance(recording, str):
+            yield name, recording
+        else:
+            yield name, answer_of(recording, op_span=op_span)
 
 
-def _spread(loops: Mapping[str, Read]) -> _ByLoop:
+def _spread(loops: Mapping[str, Read], op_span: float | None = None) -> _ByLoop:
     """Read here and diagnose in worker processes; a few loops here too."""
     if len(loops) <= _FEW:
-        yield from _in_turn(loops)
+        yield from _in_turn(loops, op_span)
         return
     ahead: deque[tuple[str, Future[Answer] | str]] = deque()
     with _workers() as pool:
@@ -230,7 +237,7 @@ def _spread(loops: Mapping[str, Read]) -> _ByLoop:
             if isinstance(recording, str):
                 ahead.append((name, recording))
             else:
-                ahead.append((name, pool.submit(answer_of, recording)))
+                ahead.append((name, pool.submit(answer_of, recording, op_span=op_span)))
             if len(ahead) > _READ_AHEAD * (os.cpu_count() or 1):
                 first, answer = ahead.popleft()
                 yield first, answer if isinstance(answer, str) else answer.result()

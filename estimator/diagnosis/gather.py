@@ -147,6 +147,7 @@ def gather(
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
         removable=removable,
         ask_headroom=lambda: headroom_of(free, controller, swing, settings),
+        ask_own_wave=lambda: _own_wave(cut, loop, swing, controller, settings),
     )
     return Facts(found, recorded, cut, (*tell_shift(late), *([slow.why] if slow.why else [])))
 
@@ -209,6 +210,23 @@ def _explain(
         late=int(late), exact=exact, valve_is_healthy=valve_is_healthy,
         weighing=settings.weighing, advising=settings.advising,
     )  # fmt: skip
+
+
+def _own_wave(
+    cut: LoopRecord,
+    loop: LinearLoop | None,
+    swing: Oscillation,
+    controller: Controller | None,
+    settings: DiagnosisSettings,
+) -> float:
+    """Weigh a wave from outside at the period at which the identified loop swings by itself."""
+    if loop is None:
+        return math.nan
+    period_s = loop.swing()[0] * loop.period
+    cycles = cut.op.size * cut.period / period_s
+    own = replace(swing, present=True, period_s=period_s, cycles=cycles)
+    again = _explain(cut, own, controller, 0.0, True, settings)
+    return math.nan if again is None else again.outside
 
 
 def _known_process(

@@ -68,6 +68,7 @@ class Gathered:
         removable: share of the squared error that robust settings would remove, by the identified
             process; NaN where no such settings can be found.
         ask_headroom: finds `headroom`, which costs more than most of the others.
+        ask_own_wave: finds `own_wave`.
         samples: of the window that was explained.
         duration_s: of the whole record.
     """
@@ -98,6 +99,7 @@ class Gathered:
     open_share: float = 0.0
     removable: float = math.nan
     ask_headroom: Callable[[], float] = _unknown
+    ask_own_wave: Callable[[], float] = _unknown
     samples: int = 0
     duration_s: float = math.inf
 
@@ -114,6 +116,11 @@ class Gathered:
         NaN where it cannot be told.
         """
         return self.ask_headroom()
+
+    @cached_property
+    def own_wave(self) -> float:
+        """Evidence (nats) for a wave from outside at the period of the loop's own swing, or NaN."""
+        return self.ask_own_wave()
 
     def amplification(self) -> tuple[float, float]:
         """How the loop amplifies a disturbance at the oscillation's period, and Ms."""

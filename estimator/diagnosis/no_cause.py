@@ -14,7 +14,7 @@ from estimator.diagnosis.slow_causes import (
     slow_or_not,
     too_long,
 )
-from estimator.diagnosis.swing_causes import is_aperiodic
+from estimator.diagnosis.swing_causes import is_aperiodic, may_be_swung
 from estimator.diagnosis.wording import digits
 from estimator.outcomes import Reason, ReasonCode
 
@@ -60,6 +60,8 @@ def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
             CauseName.UNDETERMINED, 0.0, (text,),
             "Record the controller's mode, and check that OP and PV are of one loop.",
         )  # fmt: skip
+    if found.is_read(settings) and may_be_swung(found, settings):
+        return _tight_or_swung(found)
     if is_surely_slow(found, settings):
         words = (headroom_words(found, settings),)
         action = slow_action(found, settings)
@@ -99,6 +101,18 @@ def _at_rest(found: Gathered, settings: DiagnosisSettings) -> Cause:
             f"all the same"
         )
     return Cause(CauseName.QUIET, 1.0, tuple(evidence))
+
+
+def _tight_or_swung(found: Gathered) -> Cause:
+    """The loop seems to swing by itself, and a wave from outside is about as likely."""
+    assert found.loop is not None
+    period_s = found.loop.swing()[0] * found.loop.period
+    text = (
+        f"the identified loop swings by itself with a period of {digits(period_s, 4)} s, but a "
+        f"wave from outside of that period explains PV about as well (log Bayes factor of the wave "
+        f"{found.own_wave:.0f}): a tight loop or a wave"
+    )
+    return Cause(CauseName.UNDETERMINED, 0.0, (text,))
 
 
 def _hidden(found: Gathered, reason: Reason) -> tuple[str, str]:

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.diagnosis.gathered import Gathered, error_lasts
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
-from estimator.diagnosis.swing_causes import find_outside, find_tight
+from estimator.diagnosis.swing_causes import find_outside, find_tight, may_be_swung
 from estimator.diagnosis.tuning import Advice
 from estimator.diagnosis.wording import digits
 
@@ -34,14 +34,15 @@ def find_slow(
 ) -> Cause | None:
     """Return slow tuning as a cause, where the record shows it."""
     judging, controller = settings.judging, found.controller
-    if controller is None or (found.swing.present and find_tight(found, settings) is not None):
+    if controller is None or find_tight(found, settings) is not None:
         return None
     if found.drawn is not None or found.has_gap:
         # how long the error lasts is not that of the loop: a historian drew it, or a gap leaves it
         return None
     outside = find_outside(found, settings)
     unexplained = found.swing.present and outside is None and not found.is_sticky
-    if unexplained and found.amplification()[0] > judging.tight:
+    rings = unexplained and found.amplification()[0] > judging.tight
+    if rings or may_be_swung(found, settings):
         # a loop that may swing by itself is not slow
         return None
     one, two = found.predictable

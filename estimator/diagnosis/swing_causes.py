@@ -15,6 +15,7 @@ __all__ = [
     "find_outside",
     "find_tight",
     "is_aperiodic",
+    "may_be_swung",
     "sticky_weight",
     "uneven_wave_words",
 ]
@@ -139,6 +140,30 @@ def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     return dies > judging.dies or at_limit or beside > judging.endless or _wanders(found, settings)
 
 
+def _seems_to_ring(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether the identified loop swings by itself where no oscillation is seen."""
+    one, judging = found.explained, settings.judging
+    if one is None or found.loop is None:
+        return False
+    _, peak = found.amplification()
+    period, damping = found.loop.swing()
+    return (
+        damping < judging.damping
+        and peak > 2.0 * judging.tight
+        and one.process > 2.0 * judging.threshold
+        and 4.0 < period < 0.05 * found.samples
+    )
+
+
+def may_be_swung(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether the loop that seems to swing by itself may be swung from outside as well.
+
+    A process takes a wave that nobody sees for its own resonance: the loop alone must be likelier
+    than a wave of that period, by as much as any explanation over its rivals.
+    """
+    return _seems_to_ring(found, settings) and found.own_wave > -settings.judging.threshold
+
+
 def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     """Tight tuning, if the loop swings by itself or nearly does; None if not."""
     one, judging = found.explained, settings.judging
@@ -163,12 +188,7 @@ def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
             f"oscillation (well-tuned loops 1.4 to 2), and no wave from outside is needed (log "
             f"Bayes factor {one.outside:.0f})",
         )
-    elif (
-        damping < judging.damping
-        and peak > 2.0 * judging.tight
-        and one.process > 2.0 * judging.threshold
-        and 4.0 < period < 0.05 * found.samples
-    ):
+    elif _seems_to_ring(found, settings) and not may_be_swung(found, settings):
         weight = max(0.0, 1.0 - (judging.well / peak) ** 2) * 0.5
         evidence = (
             f"the closed loop swings with a period of {digits(period * found.loop.period, 3)} s "
@@ -258,6 +278,10 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     # a process that is fitted to a steady wave takes it for its own resonance
     is_swung = here > judging.tight and beside <= judging.well and not _is_noise(found, settings)
     outside = _outside(found, settings)
+    hardly_shows = one.process < judging.threshold and outside < judging.threshold
+    if hardly_shows and _wanders(found, settings):
+        # a process that hardly shows does not tell how the loop amplifies what noise keeps going
+        return None
     if one.sticking > max(judging.unsure, outside):
         # a sticky valve explains it better, if not by enough for a verdict
         return None

@@ -42,6 +42,14 @@ def diagnose(
     loop: Annotated[
         str | None, typer.Option(help="The loop to diagnose, of a file with several.")
     ] = None,
+    op_span: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-9,
+            help="OP's span where no register map gives it; 100 unless given, or 1 where OP lies "
+            "between 0 and 1. Noise that moves the valve is told by it.",
+        ),
+    ] = None,
     hours: Annotated[
         float, typer.Option(min=0.1, help="For a site: hours of its record, up to now.")
     ] = 24.0,
@@ -59,7 +67,7 @@ def diagnose(
     """
     from fieldlink import diagnosing
 
-    columns = diagnosing.Columns(op, pv, sp, auto, time, period, loop)
+    columns = diagnosing.Columns(op, pv, sp, auto, time, period, loop, op_span)
     sites = [path for path in paths if path.suffix.lower() == ".toml"]
     if sites and len(paths) > 1:
         raise typer.BadParameter(
@@ -75,7 +83,7 @@ def diagnose(
 
         site = load_site(sites[0])
         periods = {name: loop.period for name, loop in site.loops.items()}
-        spans = {name: site.op_span(name) for name in site.loops}
+        spans = {name: site.op_span(name) or op_span for name in site.loops}
         plant = diagnosing.diagnose_store(site.historian_url, periods, hours, spans)
     elif is_one_file:
         found = _of_file(paths[0], columns)
@@ -111,10 +119,10 @@ def _of_file(path: Path, columns: Columns) -> Plant | tuple[Recording, Diagnosis
     else:
         loops = diagnosing.loops_in(path, columns)
         if len(loops) > 1:
-            return diagnosing.diagnose_loops(path, loops)
+            return diagnosing.diagnose_loops(path, loops, columns.op_span)
         (read_only,) = loops.values()
         recording = read_only()
-    return recording, diagnosing.diagnose_recording(recording)
+    return recording, diagnosing.diagnose_recording(recording, op_span=columns.op_span)
 
 
 def _show_one(

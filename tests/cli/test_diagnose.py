@@ -75,6 +75,30 @@ def test_a_folder_says_what_to_do_and_that_hours_differ(tmp_path: Path) -> None:
     assert "FC2: op: 'bad' in 1 row" in text
 
 
+def test_how_far_noise_moves_a_valve_is_told_by_the_span_that_was_given(tmp_path: Path) -> None:
+    # OP in mA: noise moves it by 0.8 % of 4 to 20, and by 0.13 % of 0 to 100
+    loop = run(noise=1.0)
+    columns = list(zip(4.0 + 0.16 * loop.op, loop.pv, loop.sp, strict=True))
+    one = "\n".join(f"{op:.6f},{pv:.6f},{sp:.6f}" for op, pv, sp in columns)
+    (tmp_path / "FC8.csv").write_text(f"op,pv,sp\n{one}\n")
+    two = "\n".join(f"{op:.6f},{pv:.6f},{pv:.6f},{op:.6f}" for op, pv, _ in columns)
+    (tmp_path / "mill.csv").write_text(f"FC8.OP,FC8.PV,FC9.PV,FC9.OP\n{two}\n")
+    folder = tmp_path / "hours"
+    folder.mkdir()
+    (folder / "FC8.csv").write_text(f"op,pv,sp\n{one}\n")
+
+    def named(path: Path, *more: str) -> str:
+        result = CliRunner().invoke(app, ["diagnose", str(path), "--json", *more])
+        assert result.exit_code == 0, result.output
+        answer = json.loads(result.stdout)
+        causes = answer.get("causes") or answer["loops"]["FC8"]["causes"]
+        return str(causes[0]["name"])
+
+    assert named(tmp_path / "FC8.csv") != "sensor"
+    for path in (tmp_path / "FC8.csv", tmp_path / "mill.csv", folder):
+        assert named(path, "--op-span", "16") == "sensor"
+
+
 def test_an_empty_folder_is_one_sentence(fieldlink: Run, tmp_path: Path) -> None:
     (tmp_path / "none").mkdir()
     result = fieldlink("diagnose", tmp_path / "none")
