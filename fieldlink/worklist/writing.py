@@ -93,8 +93,8 @@ def write_report(document: WorkDocument, path: Path, kind: str) -> None:
         write_whole(path, content, mode=0o640)
     except OSError as error:
         raise ReportError(
-            f"{path}: the report cannot be written: {error.strerror or error}; check the folder, "
-            "whether you may write there, and the free space"
+            f"{path}: the report cannot be written: {error.strerror or error}; name a "
+            "folder that exists and may be written, and check the free space"
         ) from error
 
 
