@@ -187,8 +187,9 @@ def is_beyond_slips(case: Case, lead: float) -> bool:
 def find_varying_friction(case: Case, sticky: Hypothesis) -> VaryingFriction | None:
     """The valve where its friction varies; None where a law says as much of it.
 
-    Asked of a valve that sticks: it changes the valve's numbers and not whether it sticks. It is
-    not sought where deviations do not pay beside the law's own stem.
+    Asked of a valve that is likelier than a healthy one: its numbers, strokes and parts of the
+    window change, the evidence stays. It is not sought where deviations do not pay beside the law's
+    own stem.
 
     Args:
         case: the window.
@@ -220,9 +221,9 @@ def _window(case: Case, sticky: Hypothesis) -> _Window:
 
 def _varies(window: _Window, alike: tuple[_Start, _Start]) -> bool:
     """Whether a law's slips are likelier where they may be off than where they may not."""
+    stages = [_stage(window, one) for one in alike]
     worth = []
     for deviations in (_SURE, _DEVIATIONS):
-        stages = [_stage(window, one) for one in alike]
         numbers = stages[0].start.numbers.copy()
         numbers[_STATIC : _LATE + 1] = np.log(deviations)
         worth.append(max(stage.follow(numbers)[0] for stage in stages))
@@ -235,14 +236,12 @@ def _likeliest(window: _Window, starts: Sequence[tuple[_Start, _Start]], enough:
         max((_looked_at(window, one) for one in alike), key=lambda one: one.likelihood)
         for alike in starts
     ]
-    best = None
+    fitted: list[_Start] = []
     for start in sorted(found, key=lambda one: -one.likelihood):
-        fitted = _fitted(window, _beside_any_delay(window, start), _SWEEPS)
-        best = fitted if best is None else max(best, fitted, key=lambda one: one.likelihood)
-        if best.likelihood >= enough:
+        fitted.append(_fitted(window, _beside_any_delay(window, start), _SWEEPS))
+        if fitted[-1].likelihood >= enough:
             break
-    assert best is not None
-    return best
+    return max(fitted, key=lambda one: one.likelihood)
 
 
 def _beside_any_delay(window: _Window, start: _Start) -> _Start:
