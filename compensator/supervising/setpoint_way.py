@@ -27,20 +27,24 @@ class SetpointWay:
     """
 
     def __init__(self, scans: int) -> None:
-        self._scans = max(1, scans)
-        self._changes: deque[float] = deque()
+        self._changes: deque[float] = deque(maxlen=max(1, scans))
+        self._before = 0.0
+        """Sum of the changes before those, while the set-point is out of reach."""
 
     def restart(self) -> None:
         """Forget the changes seen."""
         self._changes.clear()
+        self._before = 0.0
 
     def push(self, change: float, *, out_of_reach: bool) -> None:
         """Take in a change of the set-point; while it is out of OP's reach nothing is forgotten."""
+        if len(self._changes) == self._changes.maxlen:
+            self._before += self._changes[0]
         self._changes.append(change)
-        while len(self._changes) > self._scans and not out_of_reach:
-            self._changes.popleft()
+        if not out_of_reach:
+            self._before = 0.0
 
     def explains(self, error: float) -> float:
         """Return how much of an error, PV minus SP, the way of the set-point explains, in PV."""
-        way = math.fsum(self._changes)
+        way = math.fsum((self._before, *self._changes))
         return _MARGIN * abs(way) if way * error < 0.0 else 0.0
