@@ -54,25 +54,23 @@ def likelihood_estimate(
     """Valve, process and intervals of the sticky valve that explains most."""
     best, varying = weighing.best, weighing.varying
     assert best.valve is not None
+    straight = straightened(case, best)
     if varying is None:
         posterior = sample_posterior(case, weighing.laws)
+        gains, varies = _likely_gains(case, straight, posterior), 0.0
     else:
         posterior = posterior_of_slips(case, varying)
+        gains, varies = straight.gain * gain_shares(varying, posterior), varying.deviation
     valve = best.valve
 
     def interval(of_band: float, of_jump: float) -> Interval:
         value = of_band * valve.band + of_jump * valve.jump
         return posterior.interval(of_band, of_jump, confidence).within(0.0).around(value)
 
-    straight = straightened(case, best)
     columns = case.columns(straight.nuisances, best.stem, best.poles, best.dead_time)
     fit = fit_linear(case.rows, best.poles.response(best.stem), best.dead_time, columns, best.taps)
     steep = window.pv_scale / window.op_span
     model = process_model(window, best.poles, best.dead_time, fit, float(best.stem[0]))
-    if varying is None:
-        gains = _likely_gains(case, straight, posterior)
-    else:
-        gains = straight.gain * gain_shares(varying, posterior)
     gain = _gain_interval(case, straight, gains, confidence)
     unit = steep * (INTEGRATOR / window.period if best.poles.integrating else 1.0)
     return Estimate(
@@ -87,7 +85,7 @@ def likelihood_estimate(
         process=describe_process(window, best.poles, model, gain.scaled(unit)),
         model=model,
         peaks=posterior.peaks(),
-        varies=0.0 if varying is None else math.hypot(varying.static, varying.dynamic),
+        varies=varies,
     )
 
 

@@ -15,9 +15,6 @@ from estimator.search.descent import LEAST_BAND, turned_points
 
 __all__ = ["gain_shares", "posterior_of_slips"]
 
-_LANES = 128
-"""Samples: as many as one round of the sampler of laws."""
-
 
 def posterior_of_slips(case: Case, found: VaryingFriction) -> Posterior:
     """Means of static and dynamic friction, each known as well as its number of slips allows.
@@ -28,18 +25,19 @@ def posterior_of_slips(case: Case, found: VaryingFriction) -> Posterior:
     """
     valve = found.hypothesis.valve
     assert valve is not None
+    spreading = case.settings.spreading
+    lanes = spreading.lanes
     slips = max(strokes_of(found.hypothesis.stem)[0].size, 1)
     static, dynamic = 0.5 * (valve.band + valve.jump), 0.5 * (valve.band - valve.jump)
-    off = turned_points(_LANES, 2, 0) / math.sqrt(slips)
+    off = turned_points(lanes, 2, 0) / math.sqrt(slips)
     statics, dynamics = static + found.static * off[:, 0], dynamic + found.dynamic * off[:, 1]
     band = np.maximum(statics + dynamics, LEAST_BAND)
     jump = np.clip(statics - dynamics, LEAST_JUMP * band, band)
-    samples = np.column_stack([band, jump, np.full(_LANES, valve.start)])
+    samples = np.column_stack([band, jump, np.full(lanes, valve.start)])
     # what an early slip says of the mean is a law as well, and S may be off as where none holds
-    spreading = case.settings.spreading
     off_band, off_jump = valve.band * spreading.law[1], valve.band * spreading.law_jump[1]
     gap = Gap(1.0, off_band, off_band, off_jump)
-    return Posterior(samples, np.full(_LANES, 1.0 / _LANES), (gap,))
+    return Posterior(samples, np.full(lanes, 1.0 / lanes), (gap,))
 
 
 def gain_shares(found: VaryingFriction, posterior: Posterior) -> Array:

@@ -159,9 +159,9 @@ def _matlab(path: Path) -> list[CsvRow]:
 
 
 def _times(period: Any, count: int) -> list[Any]:
-    """Return the times of samples; what is no length of time stands in every row: refused there.
+    """Return the times of samples, or the period itself in every row if it is no length of time.
 
-    Simulink has 0 and -1 for models without a sample time of their own.
+    The rows are refused then. Simulink has 0 and -1 for models without a sample time of their own.
     """
     if np.asarray(period).dtype.kind not in "fiu" or not 0.0 < period < np.inf:
         return [period] * count

@@ -1,6 +1,6 @@
 """How a broker is reached: the site file's table and the files that it names.
 
-They are read at the start, where a fault ends the daemon, and again for every connection.
+The files are read for every connection: a fault in one is told as a connection that was not made.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class BrokerSettings:
         Raises:
             UpwardError: a file cannot be read.
         """
-        mqtt = site.file.mqtt
+        address, mqtt = cls.without_files(site, suffix), site.file.mqtt
         assert mqtt is not None
         password = None
         if mqtt.password_file is not None:
@@ -74,5 +74,4 @@ class BrokerSettings:
                     f"({tls_words(error, files)}); give PEM files, the key "
                     "without a password and belonging to its certificate"
                 ) from error
-        address = cls.without_files(site, suffix)
         return replace(address, username=mqtt.username, password=password, tls=tls)

@@ -157,6 +157,17 @@ async def test_no_more_is_under_way_than_the_broker_takes(
     await broker.kill()
 
 
+async def _started_with(certificate: Any, folder: Path) -> Mosquitto:
+    """A broker that shows a certificate."""
+    certificate.cert_chain_pems[0].write_to_path(folder / "server.pem")
+    certificate.private_key_pem.write_to_path(folder / "server.key")
+    broker = Mosquitto(
+        folder, listener=f"certfile {folder}/server.pem\nkeyfile {folder}/server.key\n"
+    )
+    await broker.start()
+    return broker
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(
     ("fault", "remedy"),
@@ -179,13 +190,7 @@ async def test_a_broker_with_a_wrong_certificate_gets_nothing(
         server = named
     elif fault == "expired":
         server = authority.issue_cert("127.0.0.1", not_after=datetime(2020, 1, 1, tzinfo=UTC))
-    server.cert_chain_pems[0].write_to_path(tmp_path / "server.pem")
-    server.private_key_pem.write_to_path(tmp_path / "server.key")
-    broker = Mosquitto(
-        tmp_path,
-        listener=f"certfile {tmp_path}/server.pem\nkeyfile {tmp_path}/server.key\n",
-    )
-    await broker.start()
+    broker = await _started_with(server, tmp_path)
     async with bench(broker.port, f'{JSON_ONLY}\n[mqtt.tls]\nca = "ca.pem"') as running:
         running.put(sample("FC101", 1))
         await until(lambda: "mqtt.lost" in running.kinds(), "the event")
@@ -234,13 +239,7 @@ async def test_certificates_that_are_of_no_use_at_the_start_hold_up_nothing_but_
     authority = trustme.CA()
     (tmp_path / "ca.pem").write_text("no certificate\n")
     server = authority.issue_cert("127.0.0.1")
-    server.cert_chain_pems[0].write_to_path(tmp_path / "server.pem")
-    server.private_key_pem.write_to_path(tmp_path / "server.key")
-    broker = Mosquitto(
-        tmp_path,
-        listener=f"certfile {tmp_path}/server.pem\nkeyfile {tmp_path}/server.key\n",
-    )
-    await broker.start()
+    broker = await _started_with(server, tmp_path)
     async with bench(broker.port, f'{JSON_ONLY}\n[mqtt.tls]\nca = "ca.pem"') as running:
         running.put(*(sample("FC101", number) for number in range(5)))
         await until(lambda: "mqtt.lost" in running.kinds(), "the event")
