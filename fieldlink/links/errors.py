@@ -27,7 +27,7 @@ class ExceptionCode(Enum):
     ILLEGAL_FUNCTION = (1, "the device does not serve this table: check the map's table column")
     ILLEGAL_ADDRESS = (
         2,
-        "a register does not exist or may not be written: check the map's addresses",
+        "a register does not exist or may not be read: check the map's addresses",
     )
     ILLEGAL_VALUE = (
         3,

@@ -176,3 +176,21 @@ def test_a_loop_whose_samples_mean_something_else_is_not_kept(
     found = SiteChange.between(site, load_site(site.path))
     assert found.changed == ("plc",)
     assert found.kept_loops == ()
+
+
+def test_loops_that_come_and_go_are_told_from_those_that_change(tmp_path: Path, live: Any) -> None:
+    both = live.site_for(tmp_path, {"a": 502, "b": 503})
+    text = both.path.read_text()
+    on_one = [text.replace('device = "b"', 'device = "a"')]
+    on_one.append(on_one[0].replace("[loops.B]", "[loops.C]"))
+    one, renamed = (_site(tmp_path / f"{at}.toml", text) for at, text in enumerate(on_one))
+    without = _site(tmp_path / "without.toml", on_one[0][: on_one[0].index("[loops.B]")])
+    assert "changed: loop B (gone) of a" in str(SiteChange.between(one, without))
+    assert "changed: loop B (new) of a" in str(SiteChange.between(without, one))
+    assert "changed: loops B (gone) and C (new) of a" in str(SiteChange.between(one, renamed))
+    assert "changed: loop B of a" in str(SiteChange.between(both, one))
+
+
+def _site(path: Path, text: str) -> Site:
+    path.write_text(text)
+    return load_site(path)

@@ -341,10 +341,23 @@ async def test_a_block_that_waits_for_a_silent_plc_says_so(
     receipt.set_result(True)
     device.exception = 6
     await b.seconds(4)
-    assert b.writeback.waiting.startswith("it is written when the device answers again: reading")
+    assert b.writeback.waiting.startswith("it is written when the exchange area answers again: ")
     device.exception = None
     await b.seconds(10)
     assert b.outcomes[-1] is WritebackOutcome.ACCEPTED
+
+
+async def test_an_exchange_area_that_the_plc_has_not_names_its_keys(
+    bench: Callable[..., Bench], findings: Make, device: Any
+) -> None:
+    """The map was named, in which these registers are not."""
+    b = bench(min_interval=0.0)
+    device.exception = 2
+    b.submit(findings())
+    await b.seconds(4)
+    reason = b.said[-1].reason
+    assert "correct the loop's writeback.base or writeback.addresses" in reason
+    assert "map" not in reason
 
 
 async def test_a_refusal_of_another_release_is_named_by_its_number(

@@ -26,6 +26,7 @@ class SiteChange:
     Attributes:
         added, removed, changed: devices to start, to end, and to start again.
         changed_loops: by changed device, the loops that alone are the reason.
+        new_loops, gone_loops: loops of one of the sites only.
         kept_loops: loops on changed devices whose windows go on.
         restart: keys that take effect when the daemon is started again.
     """
@@ -34,6 +35,8 @@ class SiteChange:
     removed: tuple[str, ...]
     changed: tuple[str, ...]
     changed_loops: Mapping[str, tuple[str, ...]]
+    new_loops: frozenset[str]
+    gone_loops: frozenset[str]
     kept_loops: tuple[str, ...]
     restart: tuple[str, ...]
 
@@ -59,6 +62,8 @@ class SiteChange:
                 for name in changed
                 if _same_wire(old, new, name)
             },
+            new_loops=frozenset(new.loops) - frozenset(old.loops),
+            gone_loops=frozenset(old.loops) - frozenset(new.loops),
             kept_loops=kept,
             restart=tuple(restart),
         )
@@ -87,7 +92,15 @@ class SiteChange:
         loops = self.changed_loops.get(device)
         if not loops:
             return device
-        return f"loop{'s' if len(loops) > 1 else ''} {' and '.join(loops)} of {device}"
+        named = " and ".join(
+            f"{loop} (new)"
+            if loop in self.new_loops
+            else f"{loop} (gone)"
+            if loop in self.gone_loops
+            else loop
+            for loop in loops
+        )
+        return f"loop{'s' if len(loops) > 1 else ''} {named} of {device}"
 
 
 class FileWatch:

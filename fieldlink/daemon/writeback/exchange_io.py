@@ -41,6 +41,10 @@ _ONE_REGISTER = (
     "heartbeat, writer and commit are written one register at a time (FC6): let the PLC and the "
     "gateways before it take that, or remove the loop's writeback"
 )
+_NO_REGISTERS = (
+    "the exchange area has registers that the device does not have: reserve them in the PLC, or "
+    "correct the loop's writeback.base or writeback.addresses"
+)
 
 
 class NoAreaError(LinkError):
@@ -239,13 +243,17 @@ class Exchange:
         try:
             return await self._access.read_registers(address, count)
         except ExceptionReplyError as error:
-            if error.code is not ExceptionCode.ILLEGAL_VALUE or count < BLOCK_REGISTERS:
+            if error.code is ExceptionCode.ILLEGAL_ADDRESS:
+                # These registers are in no map.
+                advice = _NO_REGISTERS
+            elif error.code is ExceptionCode.ILLEGAL_VALUE and count >= BLOCK_REGISTERS:
+                # A bank is compared as a whole: it cannot be read in parts.
+                advice = (
+                    f"a block is read back as {count} registers in one request: check that they "
+                    "exist; if the device refuses so many, remove the loop's writeback"
+                )
+            else:
                 raise
-            # A bank is compared as a whole: it cannot be read in parts.
-            advice = (
-                f"a block is read back as {count} registers in one request: check that they exist; "
-                "if the device refuses so many, remove the loop's writeback"
-            )
             raise ExceptionReplyError(
                 error.device, error.request, error.number, advice=advice
             ) from error

@@ -70,7 +70,7 @@ class WritebackOutcome(Enum):
     UNCHANGED = ("unchanged", "the PLC has a block that differs by less than the deadband")
     TOO_SOON = ("too_soon", "it is written when min_interval has passed")
     NOT_ENABLED = ("not_enabled", "it is written when the operator sets the PLC's enable bit")
-    UNREACHABLE = ("unreachable", "it is written when the device answers again")
+    UNREACHABLE = ("unreachable", "it is written when the exchange area answers again")
     WRITE_FAILED = ("write_failed", "nothing was committed; it is tried again later")
     READBACK_DIFFERS = (
         "readback_differs",
