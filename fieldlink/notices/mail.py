@@ -133,8 +133,9 @@ class MailReceiver:
                 if isinstance(error.__context__, TimeoutError):
                     return late
                 return f"{self.where} ended the connection before it took the mail"
-            case ssl.SSLCertVerificationError():
-                return f"{self.where}: {tls_words(error)}; {tls_remedy(error, 'ca')}"
+            case ssl.SSLError():
+                remedy = tls_remedy(error, "notify.mail.ca", host="notify.mail.host")
+                return f"{self.where}: {tls_words(error)}; {remedy or 'check port and security'}"
             case TimeoutError():
                 return late
             case UnicodeError():

@@ -15,11 +15,21 @@ from fieldlink.notices.errors import NoticeError
 from fieldlink.notices.notice import Notice
 from fieldlink.secret import Secret
 from fieldlink.site.base import is_loopback
+from fieldlink.tls_words import tls_remedy, tls_words
 
 __all__ = ["WebHookReceiver"]
 
 PATIENCE = 20.0
 """Seconds for a POST in all: a receiver that hands on to another service answers within a few."""
+
+_REMEDIES = {
+    401: "check the token",
+    403: "check the token, and what it may do there",
+    404: "check the address",
+    413: "it does not take a notice of this size: see its settings",
+    429: "it does not take so many notices: lower notify.per_hour",
+}
+"""By HTTP status."""
 
 
 class WebHookReceiver:
@@ -97,26 +107,38 @@ class WebHookReceiver:
         except (TimeoutError, httpx.TimeoutException) as error:
             raise NoticeError(f"{self.where} did not answer within {PATIENCE:g} s") from error
         except httpx.HTTPError as error:
-            raise NoticeError(
-                f"{self.where} cannot be reached: {_cause(error)}; check address, certificates "
-                "and network"
-            ) from error
+            cause, remedy = _cause(error)
+            raise NoticeError(f"{self.where} cannot be reached: {cause}; {remedy}") from error
         if not 200 <= status < 300:
             raise NoticeError(
-                f"{self.where} answered with HTTP status {status}; check address and token"
+                f"{self.where} answered with HTTP status {status}; {_remedy_of(status)}"
             )
         return ""
 
 
-def _cause(error: Exception) -> str:
-    """The innermost cause in words; never the request, which has the secrets."""
+def _remedy_of(status: int) -> str:
+    """What to do about an answer that takes no notice (RFC 9110, 15)."""
+    if status in _REMEDIES:
+        return _REMEDIES[status]
+    if 300 <= status < 400:
+        return "it names another address, where notices do not follow it: write that address"
+    if status >= 500:
+        return "it has failed by itself: see its own log"
+    return "check address and token"
+
+
+def _cause(error: Exception) -> tuple[str, str]:
+    """The innermost cause in words, and what to do; never the request, which has the secrets."""
     inner: BaseException = error
     while (deeper := inner.__cause__ or inner.__context__) is not None:
         inner = deeper
-    if isinstance(inner, ssl.SSLCertVerificationError):
-        return f"its certificate is refused, {inner.verify_message}"
+    remedy = "check address, certificates and network"
+    if isinstance(inner, ssl.SSLError):
+        table = "notify.web_hook"
+        hint = tls_remedy(inner, f"{table}.ca", host=f"the host of {table}.url")
+        return tls_words(inner), hint or remedy
     if isinstance(inner, socket.gaierror):
-        return "no address is known for its name"
+        return "no address is known for its name", remedy
     if isinstance(inner, OSError) and inner.errno:
-        return os.strerror(inner.errno).lower()
-    return "the connection was lost"
+        return os.strerror(inner.errno).lower(), remedy
+    return "the connection was lost", remedy

@@ -271,6 +271,41 @@ async def test_dead_and_slow_receivers_hold_up_neither_the_others_nor_the_end(
     assert "secret/path" not in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        (307, "it names another address, where notices do not follow it"),
+        (401, "check the token"),
+        (404, "check the address"),
+        (422, "check address and token"),
+        (429, "lower notify.per_hour"),
+        (500, "see its own log"),
+    ],
+)
+async def test_what_a_web_hook_answers_has_a_remedy(
+    hook: HookServer, tmp_path: Path, status: int, said: str
+) -> None:
+    hook.status = status
+    receiver = receivers_of(site_of(tmp_path, hook_table(hook.port)))["web_hook"]
+    with pytest.raises(NoticeError, match=f"HTTP status {status}; .*{said}"):
+        await receiver.send(people_notice())
+
+
+async def test_a_port_without_tls_is_told_as_that(
+    mails: tuple[Mails, MailServer], tmp_path: Path
+) -> None:
+    """The web hook said "operation not permitted", which is OpenSSL's number 1 as an errno."""
+    port = mails[1].port
+    table = hook_table(port).replace("http://", "https://")
+    receiver = receivers_of(site_of(tmp_path, table))["web_hook"]
+    with pytest.raises(NoticeError, match="its port is not for TLS: correct the port"):
+        await receiver.send(people_notice())
+    site = site_of(tmp_path, mail_table(port, 'security = "tls"\n'))
+    receiver = receivers_of(site)["mail"]
+    with pytest.raises(NoticeError, match="its port is not for TLS: correct the port"):
+        await receiver.send(people_notice())
+
+
 def people_notice() -> Any:
     from fieldlink.notices import finding_notice
 
