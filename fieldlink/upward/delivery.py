@@ -161,6 +161,7 @@ class Delivery:
             if filters := self._format.subscriptions():
                 await session.subscribe(filters)
             await self._begin(session)
+            await self._repeat(session)
             self._connections.note_begin()
             await self._deliver(session)
             farewell = tuple(self._format.farewell())
@@ -186,6 +187,20 @@ class Delivery:
             raise BrokerError(
                 f"{error}, and its limit on the size of messages: it was lost over the births"
             ) from error
+
+    async def _repeat(self, session: BrokerSession) -> None:
+        """Send what the broker is to keep again, but nothing out of turn of what still waits."""
+        name = self._format.name
+        waiting, last = await self._spool.call(
+            lambda spool: (spool.read(spool.confirmed(name), 1), spool.last_id)
+        )
+        before = waiting[0].id if waiting else last + 1
+        try:
+            await self._publish(session, self._format.repeats(before))
+        except BrokerRefusalError:
+            # What it refuses now would keep every connection from what waits.
+            self._format.forget_repeats()
+            raise
 
     async def _deliver(self, session: BrokerSession) -> None:
         """Send what there is, then wait for more; return when the daemon stops."""

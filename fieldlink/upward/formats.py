@@ -57,6 +57,17 @@ class Format(Protocol):
         """Return what a session begins with."""
         ...
 
+    def repeats(self, before: int) -> Iterable[Outgoing]:
+        """Return what the broker is to keep and may have forgotten, of messages below ``before``.
+
+        Such a message was delivered, or dropped undelivered.
+        """
+        ...
+
+    def forget_repeats(self) -> None:
+        """Repeat nothing that was noted up to now: the broker takes it no more."""
+        ...
+
     def encode(self, message: Message) -> Iterable[Outgoing]:
         """Return a message's packets."""
         ...

@@ -1,8 +1,10 @@
 """Plain JSON on readable topics: ``fieldlink/SITE/AREA/LOOP/estimate`` and the like.
 
 QoS 1. Estimates, write-backs, open findings, health and ``online`` are retained, so that a
-dashboard that starts later shows them at once. Every message carries ``stream`` and ``id``: a
-consumer that keeps the highest id of a stream can drop repeats.
+dashboard that starts later shows them at once. A finding may stand for months without another
+message, so it is sent again with each connection: a broker that was started anew may have forgotten
+it, and the message may have been dropped in a long outage. Every message carries ``stream`` and
+``id``: a consumer that keeps the highest id of a stream can drop repeats.
 """
 
 from __future__ import annotations
@@ -22,6 +24,9 @@ __all__ = ["JsonFormat"]
 
 _RETAINED = {"estimates": "estimate", "writebacks": "writeback"}
 """Kinds of which the broker keeps a loop's newest, by the word in the site file."""
+_MOST_CLOSED = 100
+"""Closed findings that are told again, so that the broker forgets them: more than close in an
+outage that drops messages."""
 
 
 class JsonFormat:
@@ -38,11 +43,16 @@ class JsonFormat:
     def __init__(self, site: Site, desk: CommandDesk) -> None:
         self._desk = desk
         self._last_health = ""
+        self._findings: dict[str, Message] = {}
+        self._stream = ""
         self.follow(site, "")
 
     def follow(self, site: Site, stream: str) -> None:
         """Take a site's loops and names."""
         assert site.file.mqtt is not None
+        if stream != self._stream:
+            # Their numbers are those of the stream before.
+            self._findings = {}
         self._site, self._stream = site, stream
         self._topics = JsonTopics(site)
         self._takes_commands = bool(site.file.mqtt.commands)
@@ -58,7 +68,27 @@ class JsonFormat:
         return [*topics, *([self._topics.health] if self._tells_health else [])]
 
     def note(self, message: Message) -> None:
-        """Take no note: JSON has no births."""
+        """Keep the newest message of a finding, to be sent again with the next connection."""
+        if message.kind != "finding":
+            return
+        name = str(message.body["finding"])
+        self._findings.pop(name, None)
+        self._findings[name] = message
+        closed = [name for name, one in self._findings.items() if not _is_open(one)]
+        if len(closed) > _MOST_CLOSED:
+            del self._findings[closed[0]]
+
+    def repeats(self, before: int) -> Iterable[Outgoing]:
+        """Return the findings, the oldest first; closed ones once."""
+        told = [one for one in self._findings.values() if one.id < before]
+        for name in [name for name, one in self._findings.items() if one in told]:
+            if not _is_open(self._findings[name]):
+                del self._findings[name]
+        return [packet for one in told for packet in self.encode(one)]
+
+    def forget_repeats(self) -> None:
+        """Repeat nothing that was noted up to now."""
+        self._findings = {}
 
     def will(self, birth: int) -> Outgoing:  # noqa: ARG002
         """Return ``online: false``, retained."""
@@ -105,7 +135,7 @@ class JsonFormat:
     ) -> Iterable[Outgoing]:
         """Return the finding, retained while it is open; a closed one leaves the broker."""
         topic = self._topics.finding(str(message.body["finding"]))
-        is_open = message.body["state"] != "closed"
+        is_open = _is_open(message)
         found = [_packet(topic, {**document, **message.body}, retain=is_open)]
         if not is_open:
             # MQTT 5, 3.3.1.3: an empty retained message removes the one before
@@ -159,6 +189,10 @@ class JsonFormat:
     def _online(self, online: bool) -> Outgoing:
         document = {"site": self._site.name, "online": online}
         return _packet(self._topics.online, document, retain=True)
+
+
+def _is_open(finding: Message) -> bool:
+    return finding.body["state"] != "closed"
 
 
 def _packet(topic: str, document: Mapping[str, object], *, retain: bool = False) -> Outgoing:

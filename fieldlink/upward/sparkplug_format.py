@@ -63,6 +63,13 @@ class SparkplugFormat:
         """Take a message's values as the newest ones."""
         self._node.note(message)
 
+    def repeats(self, before: int) -> Iterable[Outgoing]:  # noqa: ARG002
+        """Return nothing: the births have what is newest."""
+        return ()
+
+    def forget_repeats(self) -> None:
+        """Repeat nothing."""
+
     def will(self, birth: int) -> Outgoing:
         """Return the NDEATH of a session."""
         self._bdseq = birth

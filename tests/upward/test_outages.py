@@ -7,6 +7,7 @@ import json
 import sqlite3
 import time
 from collections.abc import Callable, Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from fieldlink.upward.errors import UpwardError
 from fieldlink.upward.messages import Message
 from fieldlink.upward.spool import Spool
 from tests.upward.client import Client
-from tests.upward.conftest import documents, event, sample, until
+from tests.upward.conftest import documents, event, finding, sample, until
 from tests.upward.mosquitto import Mosquitto
 from tests.upward.wiretap import PUBLISH, WireTap
 
@@ -55,6 +56,59 @@ async def test_a_broker_that_is_killed_again_and_again_gets_everything_in_order(
     for document in documents(tap, "sample"):
         by_id.setdefault(document["id"], set()).add((document["loop"], document["pv"]))
     assert all(len(told) == 1 for told in by_id.values())
+
+
+async def retained(port: int) -> dict[str, Any]:
+    """What a new dashboard gets of findings, by topic."""
+    async with Client(port, "fieldlink/mill 4/findings/#", "fieldlink/mill 4/online") as late:
+        await until(lambda: any(topic.endswith("online") for topic, _, _ in late.received), "it")
+        found = {topic: payload for topic, payload, _ in late.received if payload}
+    del found["fieldlink/mill 4/online"]
+    return {topic.rpartition("/")[2]: json.loads(payload) for topic, payload in found.items()}
+
+
+async def test_a_broker_that_has_forgotten_gets_the_open_findings_again(
+    bench: Callable[..., Any], tap: WireTap, broker_process: Mosquitto
+) -> None:
+    """A finding that stands may give no other message for months."""
+    async with bench(tap.port, JSON_ONLY) as running:
+        running.put(finding("confirmed"), replace(finding("confirmed"), finding="F-8"))
+        running.put(replace(finding("closed"), finding="F-8"))
+        await until(lambda: running.waiting == 0, "everything delivered")
+        await broker_process.kill()
+        await until(lambda: "mqtt.lost" in running.kinds(), "the event")
+        await broker_process.start()
+        await until(lambda: running.kinds().count("mqtt.connected") == 2, "a new connection")
+        running.put(sample("FC101", 1))
+        await until(lambda: running.waiting == 0, "everything delivered")
+        found = await retained(broker_process.port)
+    assert found.keys() == {"F-7"}
+    assert (found["F-7"]["state"], found["F-7"]["id"]) == ("confirmed", 1)
+
+
+async def test_findings_whose_messages_were_dropped_are_told_with_the_next_connection(
+    bench: Callable[..., Any],
+    tap: WireTap,
+    broker_process: Mosquitto,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with bench(tap.port, JSON_ONLY) as running:
+        running.put(finding("confirmed"))
+        await until(lambda: running.waiting == 0, "the first one delivered")
+        await broker_process.kill()
+        monkeypatch.setattr(running.publishing._spool, "_most_bytes", 100_000)
+        running.put(finding("closed"), replace(finding("confirmed"), finding="F-8"))
+        running.put(*(event("defect", "daemon", 1000 * "x") for _ in range(200)))
+        await until(lambda: running.publishing.report().dropped > 2, "the oldest dropped")
+        await broker_process.start()
+        await until(lambda: running.kinds().count("mqtt.connected") == 2, "a new connection")
+        await until(lambda: "F-8" in told(documents(tap, "finding")), "the second finding")
+        found = await retained(broker_process.port)
+    assert found.keys() == {"F-8"}
+
+
+def told(documents: list[dict[str, Any]]) -> set[str]:
+    return {str(document["finding"]) for document in documents}
 
 
 async def test_a_paused_broker_costs_nothing_but_time(
