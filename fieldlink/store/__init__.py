@@ -8,6 +8,7 @@ from fieldlink.store.errors import StoreAwayError, StoreError
 from fieldlink.store.event_stream import EventStream
 from fieldlink.store.export import EXPORTED_TABLES, Export, export
 from fieldlink.store.fleet_reader import FleetReader
+from fieldlink.store.former_names import RENAMED
 from fieldlink.store.historian import Historian
 from fieldlink.store.housekeeping import Retention
 from fieldlink.store.last_blocks import last_blocks, newest_blocks
@@ -40,6 +41,7 @@ from fieldlink.store.writers import Writer
 __all__ = [
     "CLOSED",
     "EXPORTED_TABLES",
+    "RENAMED",
     "REPAIR_KINDS",
     "WORK_DONE",
     "WORK_STATES",

@@ -14,6 +14,7 @@ from sqlalchemy import Column, Select, Table, func, inspect, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store.database import open_for_reading
+from fieldlink.store.former_names import FormerNames
 from fieldlink.store.last_findings import newest_of_findings
 from fieldlink.store.queries import frame_of
 from fieldlink.store.reading import reading_error
@@ -47,7 +48,7 @@ class FleetReader:
     """An open historian; use it in a ``with`` statement.
 
     Frames have ``utc_ms`` replaced by ``time`` (UTC), oldest row first. Every method raises
-    `StoreError` when the historian cannot be read.
+    `StoreError` when the historian cannot be read. What a loop did under former names is its own.
 
     Raises:
         StoreError: there is no historian.
@@ -56,6 +57,13 @@ class FleetReader:
     def __init__(self, url: str) -> None:
         self._url = url
         self._engine = open_for_reading(url)
+        self._former_names: FormerNames | None = None
+
+    @property
+    def _names(self) -> FormerNames:
+        if self._former_names is None:
+            self._former_names = FormerNames.of_rows(self._rows(FormerNames.query()))
+        return self._former_names
 
     def __enter__(self) -> Self:
         return self
@@ -70,13 +78,16 @@ class FleetReader:
 
     def loops(self) -> tuple[str, ...]:
         """Return the loops that have estimates, by name."""
-        query = select(ESTIMATES.c.loop).distinct().order_by(ESTIMATES.c.loop)
-        return tuple(str(row[0]) for row in self._rows(query))
+        c = ESTIMATES.c
+        query = select(c.loop, func.max(c.utc_ms).label("last")).group_by(c.loop)
+        return tuple(
+            sorted({self._names.at_present(row.loop, row.last) for row in self._rows(query)})
+        )
 
     def course(self, loop: str) -> pd.DataFrame:
         """Return the estimates of a loop without their documents."""
         columns = [ESTIMATES.c[name] for name in _COURSE]
-        query = select(*columns).where(ESTIMATES.c.loop == loop)
+        query = select(*columns).where(self._names.own(ESTIMATES, loop))
         return self._frame(query.order_by(ESTIMATES.c.utc_ms, ESTIMATES.c.id), columns)
 
     def documents(
@@ -88,7 +99,8 @@ class FleetReader:
         times as milliseconds since 1970.
         """
         columns = [*(ESTIMATES.c[name] for name in _COURSE), ESTIMATES.c.document]
-        query = select(*columns).where(ESTIMATES.c.loop == loop, ESTIMATES.c.verdict.is_not(None))
+        own = self._names.own(ESTIMATES, loop)
+        query = select(*columns).where(own, ESTIMATES.c.verdict.is_not(None))
         if until is not None:
             query = query.where(ESTIMATES.c.window_end_ms <= round(1000.0 * until.timestamp()))
         query = query.order_by(ESTIMATES.c.utc_ms.desc(), ESTIMATES.c.id.desc()).limit(last)
@@ -102,7 +114,8 @@ class FleetReader:
         """
         b, c = WRITEBACKS.c, ESTIMATES.c
         # A block that is not assessable leaves the one before it in force.
-        accepted = (b.loop == loop, b.outcome == "accepted", b.status != "not_assessable")
+        own = self._names.own(WRITEBACKS, loop)
+        accepted = (own, b.outcome == "accepted", b.status != "not_assessable")
         query = select(b.utc_ms, b.status, b.stick_band).where(*accepted)
         blocks = self._rows(query.order_by(b.id.desc()).limit(1))
         if not blocks or blocks[0].status != "valid":
@@ -110,14 +123,15 @@ class FleetReader:
         S = blocks[0].stick_band
         same = c.stick_band.between(S * (1.0 - SAME_BAND), S * (1.0 + SAME_BAND))
         columns = [*(c[name] for name in _COURSE), c.document]
-        behind = select(*columns).where(c.loop == loop, c.verdict == "stiction", same)
+        judged = self._names.own(ESTIMATES, loop)
+        behind = select(*columns).where(judged, c.verdict == "stiction", same)
         rows = self._rows(behind.order_by(c.id.desc()).limit(1))
         return {**rows[0]._mapping, "accepted_ms": blocks[0].utc_ms} if rows else None
 
     def last_write(self, loop: str, outcome: str | None = None) -> dict[str, Any] | None:
         """Return the newest write-back attempt or decision of a loop, of an outcome if given."""
         c = WRITEBACKS.c
-        query = select(WRITEBACKS).where(c.loop == loop)
+        query = select(WRITEBACKS).where(self._names.own(WRITEBACKS, loop))
         if outcome is not None:
             query = query.where(c.outcome == outcome)
         rows = self._rows(query.order_by(c.utc_ms.desc(), c.id.desc()).limit(1))
@@ -142,7 +156,7 @@ class FleetReader:
     def samples(self, loop: str, count: int, *, until: datetime | None = None) -> pd.DataFrame:
         """Return the newest ``count`` samples of a loop, or the newest up to ``until``."""
         columns = [SAMPLES.c[name] for name in ("utc_ms", "slot", "op", "pv", "sp", "auto")]
-        query = select(*columns).where(SAMPLES.c.loop == loop)
+        query = select(*columns).where(self._names.own(SAMPLES, loop))
         if until is not None:
             query = query.where(SAMPLES.c.utc_ms <= round(1000.0 * until.timestamp()))
         query = query.order_by(SAMPLES.c.utc_ms.desc(), SAMPLES.c.id.desc()).limit(count)
@@ -161,20 +175,20 @@ class FleetReader:
         if not self._has(WORK):
             return []
         columns = [column for column in WORK.columns if column.name != "id"]
-        return self._records(select(*columns).order_by(WORK.c.id))
+        return self._records(select(*columns).order_by(WORK.c.id), "loop")
 
     def events(self, kinds: Sequence[str]) -> list[dict[str, Any]]:
-        """Return the events of some kinds; rows as of `work`."""
+        """Return the events of some kinds about loops; rows as of `work`."""
         columns = [EVENTS.c[name] for name in ("utc_ms", "kind", "source", "message")]
         query = select(*columns).where(EVENTS.c.kind.in_(kinds))
-        return self._records(query.order_by(EVENTS.c.utc_ms, EVENTS.c.id))
+        return self._records(query.order_by(EVENTS.c.utc_ms, EVENTS.c.id), "source")
 
     def diagnosis(self, loop: str) -> dict[str, Any] | None:
         """Return the newest diagnosis of a loop; None without one."""
         if not self._has(DIAGNOSES):
             return None
         c = DIAGNOSES.c
-        query = select(DIAGNOSES).where(c.loop == loop, c.cause.is_not(None))
+        query = select(DIAGNOSES).where(self._names.own(DIAGNOSES, loop), c.cause.is_not(None))
         rows = self._rows(query.order_by(c.utc_ms.desc(), c.id.desc()).limit(1))
         return dict(rows[0]._mapping) if rows else None
 
@@ -194,8 +208,11 @@ class FleetReader:
     def _frame(self, query: Select[Any], columns: Sequence[Column[Any]]) -> pd.DataFrame:
         return frame_of([row._mapping for row in self._rows(query)], columns)
 
-    def _records(self, query: Select[Any]) -> list[dict[str, Any]]:
+    def _records(self, query: Select[Any], named: str) -> list[dict[str, Any]]:
+        """Return rows with the present name of their loop in the column ``named``."""
         records = [dict(row._mapping) for row in self._rows(query)]
+        for record in records:
+            record[named] = self._names.at_present(record[named], record["utc_ms"])
         return [
             {"time": datetime.fromtimestamp(record.pop("utc_ms") / 1000.0, UTC)} | record
             for record in records

@@ -148,6 +148,7 @@ def test_a_loop_with_a_new_name_keeps_its_window_its_numbers_and_its_orders(
         ("operator.hold", "FIC101"),
         ("loop.left", "PLC"),
     ]
+    assert told[0].detail == {"former": "PLC"}
     record = kept.take(scan_of(60), 60.0, None, answers=True)
     assert record is not None
     assert record.loop == "FIC101"

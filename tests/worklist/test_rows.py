@@ -14,7 +14,14 @@ import pytest
 from benchmarks.made_fleet import END_MS, Fleet
 from estimator import ReasonCode
 from estimator.diagnosis.result import CauseName
-from fieldlink.store import EventRecord, FleetReader, StoreError, WritebackRecord, record_work
+from fieldlink.store import (
+    RENAMED,
+    EventRecord,
+    FleetReader,
+    StoreError,
+    WritebackRecord,
+    record_work,
+)
 from fieldlink.store.database import open_for_writing
 from fieldlink.store.inserting import insert_batch
 from fieldlink.worklist import (
@@ -180,6 +187,20 @@ def test_a_valve_that_the_plc_compensates_stays_on_the_list(own_fleet: Fleet) ->
     assert row.stick_band.value == pytest.approx(S)
     assert row.repair is None
     assert any("may compensate" in remark for remark in row.remarks)
+
+
+def test_a_loop_with_a_new_name_keeps_its_history_and_its_work(own_fleet: Fleet) -> None:
+    S = accept_block(own_fleet, hours=6.0)
+    record_work(own_fleet.url, "FC103", "planned", owner="Li", utc_ms=END_MS)
+    before = find_fc103(own_fleet)
+    renamed = EventRecord(END_MS + 3_600_000, RENAMED, "FIC103", "renamed", {"former": "FC103"})
+    open_for_writing(own_fleet.url, renamed).dispose()
+    rows = {loop.row.tag: loop.row for loop in list_loops(own_fleet.url)}
+    assert "FC103" not in rows
+    row = rows["FIC103"]
+    assert row.stick_band.value == pytest.approx(S)
+    assert (row.windows, row.finding) == (before.windows, before.finding)
+    assert (row.state, row.item.owner if row.item else "") == ("planned", "Li")
 
 
 @pytest.mark.parametrize("end", ["withdrawn", "expired", "repaired"])

@@ -18,7 +18,7 @@ from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.errors import FieldlinkError
 from fieldlink.printable import as_printable
-from fieldlink.store import EventRecord
+from fieldlink.store import RENAMED, EventRecord
 
 __all__ = [
     "ORDER_EVENTS",
@@ -215,7 +215,9 @@ def keep_orders(loop: LoopRunner, former: LoopRunner, journal: Journal) -> None:
 
 
 def _hand_on(loop: LoopRunner, former: str, orders: StandingOrders, journal: Journal) -> None:
-    journal.event("loop.renamed", loop.name, f"its name was {former}; its orders stand")
+    renamed = journal.event_record(RENAMED, loop.name, f"its name was {former}; its orders stand")
+    # By this the loop's history is found under its new name.
+    journal.order(replace(renamed, detail={"former": former}))
     for action, words in ((Action.HOLD, orders.hold), (Action.WRITEBACK_OFF, orders.off)):
         if words:
             _apply(loop.orders, action, words)
