@@ -1,6 +1,6 @@
 """Recordings that are not text: Excel workbooks, Parquet and MATLAB files, as rows of text cells.
 
-    read_binary_table(Path("loop.mat"))  # rows, the first of which holds the names; None for text
+    read_binary_table(Path("loop.mat")).rows  # the first holds the names; of text None comes
 
 What a MATLAB file may hold is in `fieldlink.site.matlab_files`.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from datetime import date, datetime, time
 from pathlib import Path
 from typing import Any
@@ -19,14 +20,22 @@ from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.matlab_files import read_matlab_columns
 from fieldlink.site.workbooks import OLE, explained_workbook, why_no_xlsx
 
-__all__ = ["MIN_ROWS", "read_binary_table"]
+__all__ = ["MIN_ROWS", "BinaryTable", "read_binary_table"]
 
 MIN_ROWS = 50
 """Fewer rows hold too little of an oscillation to judge."""
 
 
-def read_binary_table(path: Path) -> list[CsvRow] | None:
-    """Return the rows of a workbook, Parquet or MATLAB file; None for any other file.
+@dataclass(frozen=True, slots=True)
+class BinaryTable:
+    """The rows of a file, and what a person should know of what was not read."""
+
+    rows: list[CsvRow]
+    notes: tuple[str, ...] = ()
+
+
+def read_binary_table(path: Path) -> BinaryTable | None:
+    """Return the table of a workbook, Parquet or MATLAB file; None for any other file.
 
     Raises:
         RecordingError: it cannot be read, holds no table, or its library is not installed.
@@ -42,15 +51,15 @@ def read_binary_table(path: Path) -> list[CsvRow] | None:
     if begin.startswith(b"PK\x03\x04"):
         return _excel(path)
     if begin.startswith(b"PAR1"):
-        return _parquet(path)
+        return BinaryTable(_parquet(path))
     if begin.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
-        return _rows(read_matlab_columns(path))
+        return BinaryTable(_rows(read_matlab_columns(path)))
     if begin.startswith(OLE) and (found := why_no_xlsx(path)) is not None:
         raise _refusal(path, *found)
     return None
 
 
-def _excel(path: Path) -> list[CsvRow]:
+def _excel(path: Path) -> BinaryTable:
     try:
         from openpyxl import load_workbook
     except ImportError as error:
@@ -67,9 +76,17 @@ def _excel(path: Path) -> list[CsvRow]:
             found = [CsvRow(n, tuple(map(_text, row))) for n, row in enumerate(rows, start=1)]
             if len(found) < MIN_ROWS:
                 _refuse_cover(path, first.title, len(found), others)
-            return found
+            return BinaryTable(found, _note_of_sheets(first.title, others))
         finally:
             book.close()
+
+
+def _note_of_sheets(first: str, others: Iterable[Any]) -> tuple[str, ...]:
+    """Return a sentence on sheets that are long enough for samples, and are not read."""
+    # Some programs do not store how many rows a sheet has.
+    more = [repr(sheet.title) for sheet in others if (sheet.max_row or 0) >= MIN_ROWS]
+    names = ", ".join(more)
+    return (f"the first sheet, {first!r}, is read, and not {names}",) if more else ()
 
 
 def _refuse_cover(path: Path, first: str, rows: int, others: Iterable[Any]) -> None:

@@ -73,7 +73,7 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
         if rows and holds_values(rows[0].cells):
             rows = [*_commented_header(text, separator, rows[0]), *rows]
     else:
-        separator, rows = "\t", binary
+        separator, rows = "\t", binary.rows
         while rows and not any(rows[-1].cells):
             rows.pop()
     if not rows:
@@ -89,11 +89,11 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
         for row in [*rows[:begin], *rows[end:]]
         if row.line != header.line and any(row.cells)
     ]
-    notes: tuple[str, ...] = ()
+    notes = () if binary is None else binary.notes
     if left_out:
         lines = ", ".join(map(str, left_out))
         word = "line" if len(left_out) == 1 else "lines"
-        notes = (f"the header is line {header.line}; {word} without samples: {lines}",)
+        notes += (f"the header is line {header.line}; {word} without samples: {lines}",)
     return RecordedTable(file, notes)
 
 

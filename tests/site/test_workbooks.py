@@ -103,3 +103,16 @@ def test_nothing_is_warned_of_that_is_no_concern_of_the_samples(tmp_path: Path) 
 def test_a_workbook_under_another_name_is_read(name: str, tmp_path: Path) -> None:
     path = make(tmp_path / "loop.xlsx").rename(tmp_path / name)
     assert read_recording(path).pv.tolist() == pytest.approx(PV)
+
+
+def test_sheets_that_are_not_read_are_named(tmp_path: Path) -> None:
+    """A second loop on a sheet of its own was left out without a word."""
+    path = make(tmp_path / "loop.xlsx")
+    book = openpyxl.load_workbook(path)
+    book.copy_worksheet(book.active).title = "FC202"
+    book.create_sheet("Remarks").append(["shift B"])
+    book.save(path)
+    notes = read_recording(path).notes
+    assert [note for note in notes if "sheet" in note] == [
+        "the first sheet, 'Sheet', is read, and not 'FC202'"
+    ]
