@@ -118,7 +118,10 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
             places = ", ".join(place.shown for place in job.places)
             if before.pieces == 0:
                 run_file.set_meta("planned", False)
-                raise AssessError(f"{places}: nothing to assess; name files, a folder or a store")
+                remedy = "name files, a folder or a store"
+                if all(place.kind == "sql" for place in job.places):
+                    remedy = "the table has no rows of OP and PV: check sql.table"
+                raise AssessError(f"{places}: nothing to assess; {remedy}")
             _judge(job, run_file, choice, progress, before, scout)
             if run_file.counts().rows == 0:
                 run_file.set_meta("planned", False)

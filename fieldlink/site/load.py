@@ -26,6 +26,10 @@ def load_site(path: str | Path) -> Site:
         SiteError: with every problem found, its file, line or key, value and remedy.
     """
     source = TomlSource(Path(path))
+    if "sql" in source.data and "site" not in source.data:
+        remedy = "give it to fieldlink assess, or name a site file"
+        what = "describes a historian's SQL table, and is no site file"
+        raise SiteError([Problem(str(source.path), "", what, remedy)])
     file = validated(source, SiteFile)
     maps, problems = _read_maps(source, file)
     site = Site(source.path, file, maps)

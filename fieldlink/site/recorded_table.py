@@ -64,8 +64,11 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
         RecordingError: not readable, empty, or rows of another length than the header.
     """
     if path.suffix.lower() == ".toml":
-        remedy = "name a recording; fieldlink diagnose, report and assess take site files"
-        raise RecordingError([Problem(str(path), "", "is a site file, not a recording", remedy)])
+        remedy = (
+            "name a recording; fieldlink diagnose, report and assess take site files, assess also "
+            "the description of an SQL table"
+        )
+        raise RecordingError([Problem(str(path), "", "is a TOML file, not a recording", remedy)])
     binary = read_binary_table(path)
     if binary is None:
         separator, text = _separated(read_text(path, RecordingError, pipe=True))

@@ -26,6 +26,7 @@ from fieldlink.assess.run_file import RunFile
 from fieldlink.assess.table_row import error_row
 from fieldlink.assess.workers.failed_rows import without_place
 from fieldlink.errors import FieldlinkError
+from fieldlink.site import SiteError, load_site
 from fieldlink.site.errors import RecordingError
 from tests.assess.conftest import Recorded, write_csv
 from tests.assess.test_readers import (
@@ -352,3 +353,19 @@ def test_rows_of_a_parquet_file_without_a_loops_name_are_one_loop(tmp_path: Path
     pq.write_table(table, tmp_path / "FC1.parquet")
     found = windows(place_of(str(tmp_path)), Cut())
     assert [(name, len(window)) for name, window in found] == [("FC1", 200), ("FC2", 200)]
+
+
+def test_the_description_of_a_table_is_told_from_a_site_file(tmp_path: Path) -> None:
+    """It was called a site file with many errors; an empty table asked for other places."""
+    with sqlite3.connect(tmp_path / "plant.db") as db:
+        db.execute("CREATE TABLE hist (ts INTEGER, name TEXT, op REAL, pv REAL)")
+    db.close()
+    description = tmp_path / "plant.toml"
+    description.write_text(
+        '[sql]\nurl = "sqlite:///plant.db"\ntable = "hist"\ntime = "ts"\nloop = "name"\n'
+        'op = "op"\npv = "pv"\n'
+    )
+    with pytest.raises(SiteError, match=r"historian's SQL table, .*; give"):
+        load_site(description)
+    done = run_typed(tmp_path, "assess", "plant.toml", "--out", "out", "--workers", 1)
+    assert "nothing to assess; the table has no rows of OP and PV: check sql.table" in done.stderr

@@ -331,7 +331,7 @@ def test_an_index_of_elapsed_times_without_a_name_is_the_time(write: Write) -> N
 
 def test_a_site_file_is_no_recording() -> None:
     said = messages(ROOT / "site_configs" / "demo.toml")
-    assert said.startswith(" is a site file, not a recording; name a recording")
+    assert said.startswith(" is a TOML file, not a recording; name a recording")
 
 
 def test_a_packed_file_is_to_be_unpacked(write: Write) -> None:
