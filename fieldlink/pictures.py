@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from fieldlink.errors import FieldlinkError
+from fieldlink.known_letters import with_known_letters
 from fieldlink.unfinished_file import write_whole
 
 if TYPE_CHECKING:
@@ -54,6 +56,7 @@ def save(figure: Figure, path: Path) -> None:
         # Matplotlib would write FC101.png for FC101, and nobody would look for it there.
         raise PictureError(f"{path}: the picture has no format; end it in .png, .svg or .pdf")
     picture = io.BytesIO()
+    _write_names_as_they_are(figure)
     try:
         figure.savefig(picture, format=path.suffix[1:].lower(), dpi=110)
     except ValueError as error:
@@ -69,9 +72,21 @@ def save(figure: Figure, path: Path) -> None:
         ) from error
 
 
+def _write_names_as_they_are(figure: Figure) -> None:
+    """Take the names of files and loops in titles and labels literally.
+
+    Matplotlib takes what stands between two dollar signs for a formula.
+    """
+    for text in figure.findobj(Text):
+        if (written := text.get_text()) and ("$" in written or not written.isascii()):
+            text.set_parse_math(False)
+            text.set_text(with_known_letters(written))
+
+
 def svg(figure: Figure) -> str:
     """Return a figure as an SVG element, to stand inside an HTML page."""
     buffer = io.StringIO()
+    _write_names_as_they_are(figure)
     figure.savefig(buffer, format="svg")
     text = buffer.getvalue()
     return text[text.index("<svg") :]

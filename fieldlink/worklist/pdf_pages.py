@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fieldlink.worklist import texts
@@ -32,6 +31,10 @@ _COLOUR = {
 }
 _MARGIN = 12.0
 """Millimetres at every side."""
+_LETTERS = (
+    "[U+...]: number of a letter (Unicode) that the fonts of this file lack; the HTML report shows "
+    "it."
+)
 
 
 def render_pdf(document: WorkDocument) -> bytes:
@@ -67,10 +70,13 @@ def _new_paper(document: WorkDocument) -> FPDF:
         raise ReportError(
             "PDF needs fpdf2; pip install 'fieldlink[plot]', or write an .html and print it"
         ) from error
-    import matplotlib as mpl
+    from fieldlink.known_letters import FONT_FILES, with_known_letters
 
     class Paper(FPDF):
         """Pages with a number and the report's title at the foot."""
+
+        def normalize_text(self, text: str) -> str:
+            return with_known_letters(super().normalize_text(text))
 
         def footer(self) -> None:
             self.set_y(-9.0)
@@ -79,10 +85,8 @@ def _new_paper(document: WorkDocument) -> FPDF:
             self.cell(0, 4, f"{document.title}; page {self.page_no()} of {{nb}}", align="R")
 
     paper = Paper(orientation="landscape", format="A4")
-    # Letters of any language's tags: the fonts that Matplotlib carries.
-    fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
-    paper.add_font(_FONT, "", fonts / "DejaVuSans.ttf")
-    paper.add_font(_FONT, "B", fonts / "DejaVuSans-Bold.ttf")
+    for style, file in zip(("", "B"), FONT_FILES, strict=True):
+        paper.add_font(_FONT, style, file)
     paper.set_margins(_MARGIN, _MARGIN)
     paper.set_auto_page_break(True, margin=_MARGIN)
     paper.set_title(document.title)
@@ -101,6 +105,8 @@ def _print_heading(paper: FPDF, document: WorkDocument) -> None:
 
 def _print_list(paper: FPDF, document: WorkDocument) -> None:
     from fpdf.fonts import FontFace
+
+    from fieldlink.known_letters import has_known_letters
 
     columns = (Column("#", lambda _row: "", 1.6, True), *document.audience.columns)
     ranks = {loop.row.tag: rank for rank, loop in enumerate(document.loops, 1)}
@@ -131,6 +137,8 @@ def _print_list(paper: FPDF, document: WorkDocument) -> None:
                 row.cell(column.text(loop.row), style=style)
     paper.ln(1)
     _print_text(paper, document.audience.legend, _SOFT, size=7)
+    if not all(has_known_letters(loop.row.tag) for loop in document.listed):
+        _print_text(paper, _LETTERS, _SOFT, size=7)
 
 
 def _print_evidence(paper: FPDF, loop: ReportedLoop, rank: int, picture: bytes) -> None:

@@ -46,6 +46,9 @@ period = 1.0
 """
 
 
+ROOT = Path(__file__).resolve().parents[2]
+
+
 def run(*arguments: str | Path) -> Result:
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
@@ -168,6 +171,17 @@ def test_paper_has_the_list_first_and_a_page_for_each_sick_loop(
     assert len(pages) == 1 + 6
     assert all(len(page.images) == 1 for page in pages[1:])
     assert "check the packing, the positioner and the air supply" in pages[1].extract_text()
+
+
+def test_letters_that_the_fonts_of_paper_lack_are_told_by_number(tmp_path: Path) -> None:
+    """Of a tag in Chinese nothing was left."""
+    recording = tmp_path / "泵 1.csv"
+    recording.write_bytes((ROOT / "site_configs" / "FC202.csv").read_bytes())
+    out = tmp_path / "list.pdf"
+    assert run("report", recording, "--out", out).exit_code == 0
+    first = PdfReader(out).pages[0].extract_text()
+    assert "[U+6CF5] 1 valve sticks" in first
+    assert "the HTML report shows it" in first
 
 
 @pytest.mark.parametrize(
