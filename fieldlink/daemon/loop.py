@@ -27,7 +27,7 @@ from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.daemon.writeback.writer import BlockWriter
 from fieldlink.errors import FieldlinkError
-from fieldlink.links import Link, LinkError, RegisterAccess, Scan
+from fieldlink.links import Link, LinkError, LinkPausedError, RegisterAccess, Scan
 from fieldlink.registers import HEARTBEAT_EVERY
 from fieldlink.store import SampleRecord, WritebackRecord
 
@@ -199,8 +199,14 @@ class LoopRunner:
         if self.writer is not None:
             self.writer.withdraw(reason, utc)
 
-    async def service(self, now: float) -> bool:
-        """Let the write-back do what is due at plant second ``now``; return whether it looked."""
+    async def service(self, now: float, *, device_answers: bool = True) -> bool:
+        """Let the write-back do what is due; return whether it looked.
+
+        Args:
+            now: the plant second.
+            device_answers: whether the device answers its polls; that it does not is told of the
+                device, and not of each of its loops as well.
+        """
         if self.writer is None:
             return False
         looked, self.last_look = True, None
@@ -208,7 +214,8 @@ class LoopRunner:
             looked = await self.writer.service(now)
         except LinkError as error:
             self.last_look = error
-            self._note_service(str(error))
+            if device_answers and not isinstance(error, LinkPausedError):
+                self._note_service(str(error))
         except Exception as error:  # noqa: BLE001  (told; the other loops go on)
             self._journal.defect(self.name, error, "the loop's write-back is tried again")
         else:

@@ -76,6 +76,21 @@ async def test_an_area_that_costs_the_connection_is_looked_at_ever_more_seldom(
     assert plc.words[100] == 1
 
 
+async def test_a_device_that_is_away_is_not_told_of_each_of_its_areas(
+    device: Any, tmp_path: Path
+) -> None:
+    """Of a PLC with fifty loops there were fifty events beside the one of the device."""
+    device.tamper = lambda _: b""
+    async with runner_on(device, tmp_path) as (runner, stored):
+        for second in range(1, 20):
+            await asyncio.sleep(2.0 * SHORTEST_PAUSE)
+            await runner.poll(float(second))
+            await runner.service(float(second))
+        found = kinds(stored)
+    assert "writeback.unreachable" not in found
+    assert any(kind.startswith("device.") for kind in found)
+
+
 def looks_of(areas: AreaLooks, until: float, end: Callable[[str], LinkError | None]) -> list[float]:
     """Let time pass to second ``until``; return when silent areas were looked at."""
     at = []

@@ -167,7 +167,8 @@ class DeviceRunner:
 
     async def _look(self, loop: LoopRunner, now: float) -> bool:
         """Let one write-back do what is due; return whether its area was looked at and answers."""
-        looked = await loop.service(now)
+        answers = self._state in (LinkState.GOOD, LinkState.DEGRADED)
+        looked = await loop.service(now, device_answers=answers)
         if looked:
             answers = self._state in (LinkState.GOOD, LinkState.DEGRADED)
             self._areas.note(loop.name, loop.last_look, now, answers=answers)
