@@ -187,6 +187,36 @@ def test_what_was_found_of_a_loop_goes_on_under_its_new_name(tmp_path: Path, liv
     assert [row.message for row in told] == ["new names in the site file: PLC is FIC101A now"]
 
 
+def test_findings_of_loops_that_left_close_though_nothing_is_diagnosed(
+    tmp_path: Path, live: Any
+) -> None:
+    """They stayed open until another loop had a new window: with a lost device, never."""
+    site = live.site_for(tmp_path, {"plc": 502})
+    historian = Historian(site.historian_url)
+    historian.start(EventRecord(1, "daemon.start", "daemon", "test"))
+    for name, loop in (("F1", "PLC"), ("F2", "LC7")):
+        historian.put(
+            FindingRecord(name, 10, 5, "confirmed", "sticky_valve", loop, (loop,), 9.0, 0.8, "", {})
+        )
+    historian.stop()
+    rows: list[Any] = []
+    journal = Journal(rows.append, SystemClock())
+    runner = runner_of(site)
+    rounds = DiagnosisRounds(
+        lambda: {"plc": runner}, rows.append, journal, SystemClock(), site.historian_url
+    )
+
+    async def one_round() -> None:
+        await rounds.resume()
+        await rounds.run(lambda: site, InlineWorker())
+
+    asyncio.run(one_round())
+    assert [one.id for one in rounds.report().open] == ["F1"]
+    (closed,) = [row for row in rows if isinstance(row, FindingRecord)]
+    assert (closed.finding, closed.state) == ("F2", "closed")
+    assert closed.message == "the site has no loop LC7 any more"
+
+
 def test_a_request_carries_its_loops_epoch(tmp_path: Path, live: Any) -> None:
     site = live.site_for(tmp_path, {"plc": 502})
     loop = filled(runner_of(site))

@@ -117,7 +117,10 @@ class DiagnosisRounds:
         """
         self._follow_names()
         requests = self._requests()
-        if not requests or self._ending.is_set():
+        if self._ending.is_set():
+            return
+        if not requests:
+            self._forget_loops_that_left(current())
             return
         repairs = await self._repairs()
         seen = _Seen({}, {})
@@ -143,6 +146,14 @@ class DiagnosisRounds:
         for row in self._ledger.advance(now):
             self._tell(row)
         self._rounds += 1
+
+    def _forget_loops_that_left(self, site: Site) -> None:
+        """Close what is about loops that the site no longer has, while nothing is diagnosed."""
+        if all(name in site.loops for found in self._ledger.open for name in found.loops):
+            return
+        now_ms = round(1000.0 * self._clock.utc())
+        for row in self._ledger.advance(Round(now_ms, {}, frozenset(site.loops), (), {})):
+            self._tell(row)
 
     def switch_off(self) -> None:
         """Close what is open: nobody looks any more whether it is still so."""
