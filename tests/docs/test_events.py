@@ -10,6 +10,7 @@ from fieldlink.daemon.operators.orders import ORDER_EVENTS, Action
 from fieldlink.daemon.writeback.asked_withdrawal import WITHDRAWAL_ASKED
 from fieldlink.findings.open_finding import State
 from fieldlink.links import LinkState
+from fieldlink.store import RENAMED
 from fieldlink.store.work_notes import WORK_STATES
 from tests.docs.pages import ROOT
 
@@ -17,6 +18,7 @@ TELLS = {"event", "event_record", "EventRecord", "tell", "_tell", "info", "warni
 NAME = re.compile(r"[a-z]+\.[a-z_]+|defect|estimate|writeback")
 MADE = {
     *ORDER_EVENTS,
+    RENAMED,
     WITHDRAWAL_ASKED,
     *(action.event for action in Action),
     *(f"device.{state.name.lower()}" for state in LinkState if state is not LinkState.CLOSED),
