@@ -27,7 +27,7 @@ RECORDING = ROOT / "site_configs" / "FC202.csv"
 
 def run(*arguments: str, blocks: int | None = None) -> subprocess.CompletedProcess[str]:
     """Run a command, with files of at most ``blocks`` KiB."""
-    program = [sys.executable, "-m", "fieldlink.cli", *arguments]
+    program = [sys.executable, "-m", "fieldlink", *arguments]
     if blocks is not None:
         # SIGXFSZ is ignored, so that writing fails as on a full disk.
         limit = f"trap '' XFSZ; ulimit -f {blocks}; exec \"$@\""
