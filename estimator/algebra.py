@@ -18,6 +18,7 @@ __all__ = [
     "dot",
     "filter_rows",
     "is_stable",
+    "local_equations",
     "normal_equations",
     "order_of",
     "orthonormal",
@@ -33,6 +34,8 @@ _SIDE_BY_SIDE = 32
 _SPANNED = 1e-9
 """A column of which less than this share (squared) is left is spanned by the others."""
 
+_NOTHING = 1e-10
+"""Share of a row's largest number below which the numbers at its ends are taken for zero."""
 _ALIKE = 1e-10
 """Costs that differ by less, as a share of the least, are alike: rounding decides nothing."""
 
@@ -196,15 +199,6 @@ def project_out(signal: Array, basis: Array) -> Array:
 
 
 @kernel
-def project_out_each(rows: Array, basis: Array) -> Array:
-    """What orthonormal rows ``(k, n)`` leave of each of the rows ``(m, n)``."""
-    out = np.empty(rows.shape)
-    for r in range(rows.shape[0]):
-        out[r] = project_out(rows[r], basis)
-    return out
-
-
-@kernel
 def cholesky(matrix: Array) -> Array:
     """Lower factor of a symmetric positive (semi-)definite matrix; zero where it has no extent."""
     n = matrix.shape[0]
@@ -267,6 +261,53 @@ def normal_equations(design: Array, target: Array) -> tuple[Array, Array]:
             gram[i, j] = dot_in(room, design[i], design[j])
             gram[j, i] = gram[i, j]
     return gram, right
+
+
+@kernel
+def local_equations(rows: Array, basis: Array, target: Array) -> tuple[Array, Array]:
+    """Products with each other and with a target of what a basis leaves of rows.
+
+    Args:
+        rows: ``(m, n)``; at their ends, numbers below 1e-10 of a row's largest count as zero.
+        basis: orthonormal rows, ``(k, n)``.
+        target: what the basis leaves of a signal, ``(n,)``.
+
+    Returns:
+        Products ``(m, m)`` of what is left of the rows, and ``(m,)`` of that with the target.
+    """
+    m, k = rows.shape[0], basis.shape[0]
+    room = np.empty(_SIDE_BY_SIDE)
+    begins, ends = _stretches(rows)
+    gram, right, shares = np.empty((m, m)), np.empty(m), np.empty((m, k))
+    for i in range(m):
+        row = rows[i, begins[i] : ends[i]]
+        right[i] = dot_in(room, row, target[begins[i] : ends[i]])
+        for c in range(k):
+            shares[i, c] = dot_in(room, row, basis[c, begins[i] : ends[i]])
+        for j in range(i + 1):
+            total, begin, end = 0.0, max(begins[i], begins[j]), min(ends[i], ends[j])
+            if begin < end:
+                total = dot_in(room, rows[i, begin:end], rows[j, begin:end])
+            for c in range(k):
+                total -= shares[i, c] * shares[j, c]
+            gram[i, j] = gram[j, i] = total
+    return gram, right
+
+
+@kernel
+def _stretches(rows: Array) -> tuple[Index, Index]:
+    """Where each of the rows ``(m, n)`` begins to be more than nothing, and where it ends."""
+    m, n = rows.shape
+    begins, ends = np.zeros(m, np.int64), np.zeros(m, np.int64)
+    for i in range(m):
+        least = _NOTHING * np.abs(rows[i]).max()
+        begin, end = 0, n
+        while begin < end and abs(rows[i, begin]) <= least:
+            begin += 1
+        while begin < end and abs(rows[i, end - 1]) <= least:
+            end -= 1
+        begins[i], ends[i] = begin, end
+    return begins, ends
 
 
 @kernel

@@ -157,9 +157,11 @@ class Judging:
         parts, steady: parts of the window, and the log Bayes factor that must be left without the
             part that holds most of it: a valve sticks all the time, a load jumps once (tuning
             family: false alarms rest on one part).
-        uncertain: nats above the threshold up to which the answer is uncertain; below it the answer
-            is uncertain wherever a sticky valve is likelier than a healthy one. As far below it
-            valves are estimated under every law.
+        close: nats around the threshold within which an answer is close: a valve is looked for
+            again, it is estimated under every law, and a load that is as far behind may be a rival.
+            From the threshold on the answer is certain (tuning family, from 10 to 14: 9 of 479
+            sticky valves, none of 365 healthy ones); below it, it is uncertain wherever a sticky
+            valve is likelier than a healthy one.
         process: log-likelihood ratio of a process over none, below which PV does not follow OP:
             4.5 is a gain three deviations from zero. The likeliest of many processes gains more by
             luck: below ``threshold``, the healthy valve's gain must be as far from zero itself.
@@ -170,7 +172,7 @@ class Judging:
     few: tuple[int, float] = (4, 50.0)
     parts: int = 8
     steady: float = 1.5
-    uncertain: float = 4.0
+    close: float = 4.0
     process: float = 4.5
 
 

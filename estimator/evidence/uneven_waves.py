@@ -94,6 +94,8 @@ def find_wave_in_cycles(case: Case, sticky: Hypothesis, least: float) -> Hypothe
     found = []
     for start, wave, at_valve in ends[:_BENT]:
         if start.likelihood > least - _HOPE_IN_CYCLES:
+            # noise and process that are fitted once more may end where it is less likely
+            found.append(start)
             for lag in (None, _OWN_LAG):
                 own = replace(wave, lag=lag)
                 found.append(_in_turn(case, start, start.taps, at_valve, own, _LONG)[0])

@@ -23,8 +23,8 @@ from estimator.algebra import (
     combine,
     dot,
     filter_rows,
-    normal_equations,
-    project_out_each,
+    local_equations,
+    project_out,
 )
 from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
@@ -92,10 +92,11 @@ class _Way:
         left = self._left(self.stem(strokes))[1]
         return float(dot(left, left))
 
-    def linearised(self, strokes: Array) -> tuple[Array, Array]:
-        """What strokes where the law has them leave of PV, as a line through these tells, ``(n,)``.
+    def linearised(self, strokes: Array) -> tuple[Array, Array, float]:
+        """Normal equations of the strokes: products ``(2 m, 2 m)``, those with PV ``(2 m,)``.
 
-        And what each number changes, ``(2 m, n)``. Both are whitened.
+        PV is what strokes where the law has them leave of it, as a line through these tells; its
+        sum of squares is the last. All is whitened.
         """
         basis, left, response, columns = self._left(self.stem(strokes))
         late, rows, taps = self.dead_time, self.case.rows, np.ascontiguousarray(self.taps)
@@ -104,8 +105,9 @@ class _Way:
         for row in slopes:
             moved = self.poles.response(row)
             row[:] = gains[0] * delay(moved, late) + gains[1] * delay(moved, late + 1)
-        slopes = project_out_each(filter_rows(slopes, taps, rows.weight), basis)
-        return left + combine(strokes, slopes), slopes
+        slopes = filter_rows(slopes, taps, rows.weight)
+        left = left + project_out(combine(strokes, slopes), basis)
+        return *local_equations(slopes, basis, left), dot(left, left)
 
     def refitted(self, strokes: Array) -> _Way:
         """Process and noise fitted to the stem with these strokes."""
@@ -184,15 +186,14 @@ def _varied(case: Case, sticky: Hypothesis, near: tuple[int, int] | None = None)
     strokes, at = np.zeros(2 * begins.size), near or best.deviations
     few = begins.size <= _FEW
     for turn in range(_ROUNDS):
-        left, slopes = way.linearised(strokes)
-        gram, pull = normal_equations(slopes, left)
+        gram, pull, whole = way.linearised(strokes)
         reach = len(late) if few or (turn == 0 and near is None) else _NEAR
-        at = _likeliest(gram, pull, dot(left, left), late, off, at, reach, rows)
+        at = _likeliest(gram, pull, whole, late, off, at, reach, rows)
         variances = _variances(late[at[0]], off[at[1]])
-        aim, variance, _ = _shrunk(gram, pull, dot(left, left), variances, rows, _VARIANCES)
+        aim, variance, _ = _shrunk(gram, pull, whole, variances, rows, _VARIANCES)
         strokes = _stepped(way, np.where(variances > 0.0, strokes, 0.0), aim, variances, variance)
-        whole = way.squares(strokes) + variance * _away(strokes, variances)
-        variance = whole / rows[0] + rows[1]
+        squares = way.squares(strokes) + variance * _away(strokes, variances)
+        variance = squares / rows[0] + rows[1]
         root = cholesky(_told(_scaled(gram, np.sqrt(variances)), variance))
         found = _worth(root, variances, variance, rows[0])
         found -= case.price(way.poles, sticky.nuisances, way.taps, valve=True)

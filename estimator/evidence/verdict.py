@@ -74,8 +74,6 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
 
     sticks = evidence.log_bayes_factor >= judging.threshold
     doubts = []
-    if sticks and evidence.log_bayes_factor < judging.threshold + judging.uncertain:
-        doubts.append(f"the evidence is less than {judging.uncertain:g} above the threshold")
     if 0.0 < evidence.log_bayes_factor < judging.threshold:
         doubts.append("a sticky valve is likelier than a healthy one, if not by the threshold")
     if sticks and evidence.effect < _LEAST_EFFECT:

@@ -15,9 +15,8 @@ from compiled import kernel
 from estimator.algebra import (
     dot,
     filter_rows,
-    normal_equations,
+    local_equations,
     project_out,
-    project_out_each,
     solve_spd,
 )
 from estimator.arrays import Array
@@ -110,11 +109,11 @@ class _Way:
         made = through_process(self.course(wave)[None], self._process(wave))
         return left - project_out(filter_rows(made, self.taps, rows.weight)[0], basis), basis
 
-    def turned(self, wave: Wave, basis: Array) -> Array:
-        """Change of the wave's part with each number of it, ``(p, n)``."""
+    def turned(self, wave: Wave) -> Array:
+        """Change of the wave's part with each number of it, whitened, ``(p, n)``."""
         slopes = slopes_of(wave.times, wave.heights, wave.bends, self.case.rows.size)
         made = through_process(slopes, self._process(wave))
-        return project_out_each(filter_rows(made, self.taps, self.case.rows.weight), basis)
+        return filter_rows(made, self.taps, self.case.rows.weight)
 
     def swayed(self, wave: Wave, left: Array, free: list[int]) -> Array:
         """Change of the model with the log of each free time constant, ``(k, n)``."""
@@ -185,9 +184,9 @@ def fit_wave(
         )
         for _ in range(rounds):
             variance = squares / count + case.rows.floor
-            slopes = np.vstack([way.turned(wave, basis), way.swayed(wave, left, free)])
+            slopes = np.vstack([way.turned(wave), way.swayed(wave, left, free)])
             at = _numbers(wave, swaying)
-            told, pull = normal_equations(slopes, left)
+            told, pull = local_equations(slopes, basis, left)
             told, pull = told / variance + precision, pull / variance - precision @ at + mean
             cost = 0.5 * squares / variance + _kept_by(precision, mean, at)
             gained = 0.0
@@ -209,7 +208,7 @@ def fit_wave(
             damping *= _DAMPED[3]
             if gained < _DONE:
                 break
-        told, _ = normal_equations(way.turned(wave, basis), left)
+        told, _ = local_equations(way.turned(wave), basis, left)
         told /= squares / count + case.rows.floor
         p = told.shape[0]
         open_ = inverse_of(told + precision[:p, :p])[: 2 * m, : 2 * m]

@@ -106,7 +106,7 @@ def weigh(case: Case) -> Weighing:
         healthy, sticky = _looked_again(case, plain, valves[0], healthy, sticky)
     judging = case.settings.judging
     laws: tuple[Hypothesis, ...] = (sticky,)
-    if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
+    if sticky.likelihood - healthy.likelihood > judging.threshold - judging.close:
         laws = (*refine_all_laws(case, sticky), *_others(sticky, valves))
     return Weighing(healthy, sticky, laws, over_waves)
 
@@ -243,7 +243,7 @@ def _rivals(case: Case, loaded: Hypothesis, sticky: Hypothesis) -> bool:
     a load that leaves the sticky valve as clear as it was explains something else.
     """
     judging = case.settings.judging
-    if loaded.likelihood <= sticky.likelihood - judging.threshold - judging.uncertain:
+    if loaded.likelihood <= sticky.likelihood - judging.threshold - judging.close:
         return False
     return 0.5 * gain_deviations(case, loaded) ** 2 >= judging.process
 
@@ -299,7 +299,7 @@ def _is_doubtful(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> bool:
     """
     judging = case.settings.judging
     evidence = sticky.likelihood - healthy.likelihood
-    return 0.0 < evidence < judging.threshold + judging.uncertain
+    return 0.0 < evidence < judging.threshold + judging.close
 
 
 def _looked_again(

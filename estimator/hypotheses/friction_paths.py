@@ -83,6 +83,7 @@ def follow_paths(
     n, size = u.size, _SEEN + max(taps.size, 1)
     forward, shown, late = _linear_system(poles, gains, taps, size)
     kept, new = _bank(_PATHS, size), _bank(_CHILDREN * _PATHS, size)
+    room = np.empty((4, size))
     mean, cov, state, event = kept
     events = np.empty((_CHILDREN * _PATHS * n + 1, 3), np.int64)
     stood = np.empty(events.shape[0])
@@ -123,7 +124,7 @@ def follow_paths(
         for i in range(children):
             lateness = new[2][i, _LATENESS]
             new[2][i, _WORTH] += _advance(
-                new[0][i], new[1][i], forward, shown, late, lateness, seen, variance
+                new[0][i], new[1][i], forward, shown, late, lateness, seen, variance, room
             )
         paths = _keep_likeliest(new, children, kept)
     worth = state[0, _WORTH] + math.log(np.exp(state[:paths, _WORTH] - state[0, _WORTH]).sum())
@@ -271,6 +272,38 @@ def _moved(state: Array, forward: Array) -> None:
 
 
 @kernel
+def _move_covariance(cov: Array, forward: Array, changed: Array) -> None:
+    """Put a covariance ``(s, s)`` a sample on; ``changed`` ``(3, s)`` is room for its new rows."""
+    size = cov.shape[0]
+    changed[:] = 0.0
+    for r in range(3):
+        for i in range(_SEEN):
+            for b in range(size):
+                changed[r, b] += forward[r, i] * cov[i, b]
+    # what only moves a place: the last rows first, because each takes the one before it
+    for a in range(size - 1, _SEEN, -1):
+        for b in range(size - 1, _SEEN, -1):
+            cov[a, b] = cov[a - 1, b - 1]
+        for place, before in ((_STEM, _STEM), (_FIRST, _FIRST), (_SLOWER, _SLOW)):
+            cov[a, place] = cov[place, a] = cov[a - 1, before]
+    cov[_SLOWER, _SLOWER] = cov[_SLOW, _SLOW]
+    for place in (_STEM, _FIRST):
+        cov[_SLOWER, place] = cov[place, _SLOWER] = cov[_SLOW, place]
+    for r, at in enumerate((_SLOW, _OUT, _SEEN)):
+        for b in range(size - 1, _SEEN, -1):
+            cov[at, b] = cov[b, at] = changed[r, b - 1]
+        for place, before in ((_STEM, _STEM), (_FIRST, _FIRST), (_SLOWER, _SLOW)):
+            cov[at, place] = cov[place, at] = changed[r, before]
+        for c, other in enumerate((_SLOW, _OUT, _SEEN)):
+            if c > r:
+                break
+            total = 0.0
+            for i in range(_SEEN):
+                total += forward[c, i] * changed[r, i]
+            cov[at, other] = cov[other, at] = total
+
+
+@kernel
 def _advance(
     mean: Array,
     cov: Array,
@@ -280,34 +313,35 @@ def _advance(
     late_variance: float,
     seen: float,
     variance: float,
+    room: Array,
 ) -> float:
     """Put a path a sample on and take up what PV shows; how likely that is, in nats.
 
-    Nothing is taken up where ``seen`` is NaN.
+    Nothing is taken up where ``seen`` is NaN. ``room`` ``(4, s)`` is asked for once: asking at
+    every sample costs as much as this.
     """
     size = mean.size
-    expected = (shown * mean).sum()
-    told = np.zeros(size)
-    whole = variance
+    told = room[0]
+    expected, whole = 0.0, variance
     for a in range(size):
+        expected += shown[a] * mean[a]
+        told[a] = 0.0
         for b in range(size):
             told[a] += cov[a, b] * shown[b]
         whole += shown[a] * told[a]
     _moved(told, forward)
     _moved(mean, forward)
-    for a in range(size):
-        _moved(cov[:, a], forward)
-    for a in range(size):
-        _moved(cov[a], forward)
+    _move_covariance(cov, forward, room[1:])
     if late_variance > 0.0:
         whole += late_variance * late[_SEEN] ** 2
         for a in range(size):
             told[a] += late_variance * late[a] * late[_SEEN]
             for b in range(size):
-                cov[a, b] += late_variance * late[a] * late[b]
+                cov[a, b] += late_variance * (late[a] * late[b])
     if math.isnan(seen):
         return 0.0
-    off = seen - expected
+    # rounding may not make it surer than the noise alone leaves it
+    whole, off = max(whole, variance), seen - expected
     for a in range(size):
         mean[a] += told[a] / whole * off
         for b in range(size):

@@ -111,7 +111,11 @@ def slopes_of(times: Array, heights: Array, bends: Array, n: int) -> Array:
 @kernel
 def through_process(rows: Array, process: tuple[float, float, float, float]) -> Array:
     """Responses of a process to rows ``(m, n)``, at rest at the first value of each."""
-    out = np.empty(rows.shape)
+    out = np.zeros(rows.shape)
     for r in range(rows.shape[0]):
-        out[r] = respond_one(rows[r], *process)
+        begin = 0
+        # at rest until the row changes
+        while begin + 1 < rows.shape[1] and rows[r, begin + 1] == rows[r, 0]:
+            begin += 1
+        out[r, begin:] = respond_one(rows[r, begin:], *process)
     return out
