@@ -9,6 +9,7 @@ keeps its size. Noise changes both alike.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
@@ -137,13 +138,33 @@ def swing_amplitude(
         return math.nan, math.nan, 0.0
     calm = without_setpoint_steps(record.error, record.sp)
     spectrum = spectrum_of(LoopSignals(calm, None, None, record.period))
-    width = settings.grouping.width
-    found = amplitudes_of(spectrum, swing.period_s, width)
-    times, _ = spectrum.amplitudes(1.0 / swing.period_s, width / swing.period_s)
+    stepped = record.sp is not None and bool(np.ptp(record.sp) > 0.0)
+    narrow, wide = settings.grouping.width, settings.grouping.wide
+    band = _in_band(spectrum, swing.period_s, narrow, stepped=stepped)
+    # a narrow band turns a phase that changes fast into a size that changes: a wide one shows both,
+    # and the steps of a load as well, so that only a phase that changes beside a steady size tells
+    whole = _in_band(spectrum, swing.period_s, wide, stepped=True)
+    if not whole.variation < settings.judging.wanders:
+        return band.variation, band.in_phase, band.unlike_noise
+    size = float(np.fmin(band.variation, whole.variation))
+    return size, band.in_phase, max(band.unlike_noise, whole.unlike_noise - math.log(2.0))
+
+
+@dataclass(frozen=True, slots=True)
+class _Band:
+    """How the amplitude in a band around an oscillation changes; see `swing_amplitude`."""
+
+    variation: float
+    in_phase: float
+    unlike_noise: float
+
+
+def _in_band(spectrum: LoopSpectrum, period: float, width: float, *, stepped: bool) -> _Band:
+    found = amplitudes_of(spectrum, period, width)
+    times, _ = spectrum.amplitudes(1.0 / period, width / period)
     apart = 1
     if times.size > 1:
         # white noise in the band is alike by a half so far apart, and not at all twice as far
-        apart = max(1, round(0.5 * swing.period_s / width / (times[1] - times[0])))
-    stepped = record.sp is not None and bool(np.ptp(record.sp) > 0.0)
+        apart = max(1, round(0.5 * period / width / (times[1] - times[0])))
     unlike = evidence_against_noise(found, apart, stepped=stepped)
-    return amplitude_variation(found), phase_kept_by(found), unlike
+    return _Band(amplitude_variation(found), phase_kept_by(found), unlike)

@@ -179,12 +179,28 @@ def limits_of(
             outward = stays & (side * _push(op, error, controller, at) > 0.0)
             is_limit |= bool(outward.sum() > settings.pushed * stays.sum())
         held = stays if is_limit and stays.mean() > settings.least_limit else np.zeros_like(stays)
+        if held.any() and controller is not None:
+            pushed = side * _push(op, error, controller, at) > 0.0
+            held |= _thrown_off(at & read, pushed & read & ~by_hand, settings.least_run)
         sides.append(bool(held.any()))
         found |= held
     whole = float(np.sum(error**2))
     cost = float(np.sum(error[found] ** 2)) / whole if whole > 0.0 else 0.0
     value = float(np.median(op[found])) if found.any() else math.nan
     return Limits(float(found.mean()), cost, sides[0], sides[1], value, found)
+
+
+def _thrown_off(at: Mask, pushed: Mask, most: int) -> Mask:
+    """Samples off a limit, ``(n,)``, fewer than ``most`` in a row, that the error does not ask for.
+
+    Noise moves OP off its limit where the controller adds increments; with the error ``pushed``
+    outwards all the time it is back at once, and as much at its limit as where it stays there.
+    """
+    found = np.zeros(at.size, dtype=bool)
+    for before, after in pairwise(np.flatnonzero(at)):
+        if 1 < after - before <= most and pushed[before : after + 1].all():
+            found[before : after + 1] = True
+    return found
 
 
 def _push(op: Array, error: Array, controller: Controller, at: Mask) -> Array:

@@ -83,11 +83,12 @@ def _outside(found: Gathered, settings: DiagnosisSettings) -> float:
     It is the likelihood of a wave of steady size, or of a resonance, over that of the loop with its
     noise. That hardly sees a machine whose size changes, which the process takes for a resonance of
     its own; but no noise changes the size and keeps the phase, nor the other way round. At a limit
-    of OP a loop that swings by itself keeps its size as well.
+    of OP, or with a gap of the controller, a loop that swings by itself keeps its size as well.
     """
     assert found.explained is not None
     judging = settings.judging
-    if found.unlike_noise < judging.threshold or found.limits.share > settings.facts.least_limit:
+    keeps_size = found.limits.share > settings.facts.least_limit or found.has_gap
+    if found.unlike_noise < judging.threshold or keeps_size:
         return found.explained.outside
     return max(found.explained.outside, found.unlike_noise)
 
@@ -284,6 +285,9 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         return None
     if one.sticking > max(judging.unsure, outside):
         # a sticky valve explains it better, if not by enough for a verdict
+        return None
+    if outside < judging.unsure and (found.has_gap or not found.is_read(settings)):
+        # no wave shows, and how the loop amplifies is that of a controller that it has not
         return None
     if not is_swung:
         if outside < judging.unsure and (here > judging.tight or found.loop is None):

@@ -12,9 +12,13 @@ from estimator.diagnosis.amplitude import (
     amplitudes_of,
     evidence_against_noise,
     phase_kept_by,
+    swing_amplitude,
     variation_of,
 )
 from estimator.diagnosis.coherence import LoopSignals, LoopSpectrum, spectrum_of
+from estimator.diagnosis.gather import find_swing
+from estimator.diagnosis.loop_record import loop_record
+from estimator.diagnosis.settings import DIAGNOSIS
 from fieldlink.diagnosis import diagnose
 from tests.seeds import in_suite
 
@@ -95,3 +99,24 @@ def test_beside_steps_of_the_set_point_a_size_that_changes_is_no_evidence() -> N
     rings += 0.01 * rings.std() * np.random.default_rng(1).standard_normal(steps.size)
     assert against_noise(rings) > 10.0
     assert against_noise(rings, stepped=True) == 0.0
+
+
+def amplitude_of(pv: np.ndarray) -> tuple[float, float, float]:
+    record = loop_record(np.zeros(pv.size), pv, None, None, 1.0)
+    swing, _ = find_swing(record, DIAGNOSIS)
+    assert swing.present
+    return swing_amplitude(record, swing, DIAGNOSIS)
+
+
+def test_a_neighbour_whose_period_changes_every_few_swings_is_no_noise() -> None:
+    # its size never changes; a narrow band about the mean period makes it seem to
+    noise = np.random.default_rng(5)
+    course = lfilter([1.0], [1.0, -np.exp(-1.0 / 120.0)], noise.standard_normal(2000))
+    phase = np.cumsum(2.0 * np.pi / 40.0 * (1.0 + 0.1 * course / course.std()))
+    pv = np.sin(phase) + 0.05 * noise.standard_normal(phase.size)
+    narrow = amplitudes_of(spectrum(pv), 40.0, DIAGNOSIS.grouping.width)
+    assert evidence_against_noise(narrow, places_apart(spectrum(pv))) < 10.0
+    variation, _, unlike = amplitude_of(pv)
+    assert variation < 0.26
+    assert unlike > 10.0
+    assert max(amplitude_of(resonance(2000, seed))[2] for seed in range(20)) < 10.0

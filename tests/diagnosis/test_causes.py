@@ -68,6 +68,28 @@ def test_a_limit() -> None:
     assert answer.indices["time_at_limits_share"] > 0.2
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_limit_that_noise_throws_op_off(seed: int) -> None:
+    # PID of increments: derivative action on noise moves OP off its limit, the error moves it back
+    rng = np.random.default_rng(seed)
+    op, pv = np.empty(2400), np.empty(2400)
+    x, u, last, slope = np.zeros(3), 50.0, 0.0, 0.0
+    for k in range(op.size):
+        pv[k] = 50.0 + x[2] + 0.01 * rng.standard_normal()
+        error = 50.0 - pv[k]
+        before, slope = slope, (3.0 * slope + 24.0 * (error - last)) / 4.0
+        u = min(54.0, u + 1.9 * (error - last + error / 120.0 + slope - before))
+        last = error
+        op[k] = u
+        load = -7.0 if k // 400 in {1, 2, 4} else 0.0
+        for i, into in enumerate((u - 50.0 + load, x[0], x[1])):
+            x[i] += (into - x[i]) / 18.0
+    assert np.mean(op == op.max()) < 0.3
+    answer = diagnose(op, pv, np.full(op.size, 50.0), period=1.0, advice=False)
+    assert answer.first.name == "saturation"
+    assert answer.indices["time_at_limits_share"] > 0.3
+
+
 def test_manual() -> None:
     loop = run()
     auto = np.zeros(loop.op.size)

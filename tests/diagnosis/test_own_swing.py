@@ -104,3 +104,27 @@ def test_a_small_wave_through_a_well_tuned_loop_is_no_tight_tuning(
     assert not answer.oscillation.present
     assert answer.first.name == "undetermined"
     assert "a tight loop or a wave" in answer.first.evidence[0]
+
+
+@pytest.mark.parametrize(
+    ("explained", "gap", "unlike", "name"),
+    [(1.0, math.nan, 0.0, "external_oscillation"), (0.56, math.nan, 0.0, "undetermined"),
+     (1.0, 0.1, 0.0, "undetermined"), (0.56, math.nan, 30.0, "external_oscillation"),
+     (1.0, 0.1, 30.0, "undetermined")],
+)  # fmt: skip
+def test_a_controller_that_is_hardly_read_or_has_a_gap_clears_no_loop_of_its_swing(
+    explained: float, gap: float, unlike: float, name: str
+) -> None:
+    # nothing shows a wave but that the loop, were it of this controller, would not swing
+    swing = replace(
+        still(), present=True, period_s=300.0, cycles=20.0, regularity=100.0, decay=0.9, share=0.9
+    )
+    found = replace(
+        facts(process=60.0, outside=-20.0), swing=swing, amplitude=0.1, in_phase=0.9, gap=gap,
+        unlike_noise=unlike, controller=replace(CONTROLLER, explained=explained),
+        predictable=(0.0, 0.0), swing_share=0.9, ask_headroom=lambda: 0.0,
+    )  # fmt: skip
+    cause = rank_causes(found, DIAGNOSIS)[0]
+    assert cause.name == name
+    if name == "undetermined":
+        assert ("gap" if math.isfinite(gap) else "explain 56% of OP's moves") in cause.evidence[1]
