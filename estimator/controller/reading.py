@@ -45,6 +45,9 @@ _ROUNDED = 2.0
 rounding: some values repeat, and their errors do."""
 _ONE = 1e-9
 """Of a signal's span: values that are nearer are one."""
+_STEPS, _ALIKE = 10.0, 1e-6
+"""Steps of the record that OP's largest move must be, and share of it that moves may differ by, to
+be a limit of the moves."""
 _MEASURED = (1e-100, 1e100)
 """Largest values of PV and error whose squares, and those of gains from them, are numbers. What
 lies outside was never measured: so look floats whose registers are in the other order."""
@@ -69,7 +72,8 @@ def read_controller(
         op, pv, sp: samples, shape ``(n,)``, NaN where bad; ``sp`` stands until its next value,
             and is taken as constant where there is none.
         auto: non-zero where the controller is in automatic, shape ``(n,)``; other rows do not
-            count, nor do those in which OP is at its highest or lowest value for a while.
+            count, nor do those in which OP is at its highest or lowest value for a while, or
+            moves as fast as it may.
         period: seconds between samples.
         settings: see `estimator.controller.settings`.
 
@@ -200,7 +204,7 @@ def _usable(op: ArrayLike, pv: ArrayLike, auto: ArrayLike | None, u: Array) -> M
     good &= np.isfinite(np.asarray(pv, dtype=float))
     if auto is not None:
         good &= np.asarray(auto, dtype=float) > 0.0
-    good &= ~at_limit(u)
+    good &= ~at_limit(u) & ~_at_fastest(u)
     # noise lets OP touch a limit for one sample: a value that comes back exactly is no chance
     reach = 1e-6 * float(np.ptp(u))
     for extreme in (float(u.min()), float(u.max())):
@@ -223,6 +227,20 @@ def at_limit(u: Array) -> Mask:
         found[1:] |= stays
         found[:-1] |= stays
     return found
+
+
+def _at_fastest(u: Array) -> Mask:
+    """Samples ``(n,)`` in which OP moves by its largest move, and that more than once.
+
+    So a limit of the moves shows. Where the largest is a few steps of the record, rounding makes
+    moves alike.
+    """
+    moves = np.abs(np.diff(u))
+    fastest = float(moves.max())
+    found = np.zeros(u.size, dtype=bool)
+    found[1:] = moves >= (1.0 - _ALIKE) * fastest
+    is_limited = int(found.sum()) > 1 and fastest > _STEPS * _resolution(u)
+    return found & is_limited
 
 
 def _columns(u: Array, y: Array, e: Array, delay: int) -> dict[str, Array]:

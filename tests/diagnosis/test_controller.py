@@ -51,6 +51,28 @@ def test_samples_at_a_limit_do_not_count() -> None:
     assert found.integral_time_s == pytest.approx(12.0, rel=0.01)
 
 
+@pytest.mark.parametrize("fastest", [0.5, 0.3, 0.2])
+def test_samples_in_which_op_moves_as_fast_as_it_may_do_not_count(fastest: float) -> None:
+    """Increments of a PI controller, limited to so much a scan, in 4 to 40 % of the scans."""
+    rng = np.random.default_rng(1)
+    pushes = lfilter([0.3], [1.0, -0.98], rng.standard_normal(3000))
+    op, pv = np.empty(3000), np.empty(3000)
+    y = u = last = 0.0
+    late = [0.0] * 4
+    for k in range(3000):
+        pv[k] = y + 0.05 * rng.standard_normal()
+        move = 3.0 * (-pv[k] - last - pv[k] / 20.0)
+        u += float(np.clip(move, -fastest, fastest))
+        last, op[k] = -pv[k], u
+        late.append(u)
+        y += (0.8 * (late.pop(0) + pushes[k]) - y) / 20.0
+    found = read_controller(50.0 + op, 50.0 + pv, np.full(3000, 50.0))
+    assert found is not None
+    assert found.exact
+    assert found.gain == pytest.approx(3.0, rel=0.01)
+    assert found.integral_time_s == pytest.approx(20.0, rel=0.01)
+
+
 def test_a_constant_op_has_no_controller() -> None:
     pv = np.random.default_rng(0).standard_normal(500)
     assert read_controller(np.full(500, 40.0), pv) is None
