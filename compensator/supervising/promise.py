@@ -31,6 +31,9 @@ class PromiseSettings:
             the half that is promised, because two stretches of one loop differ by as much.
         travel: factor of the stem's travel before that is too much, with the same tenth.
         strokes: stick bands of travel in the window that are too much for no loop.
+        renewal: scans in which that many stick bands are granted again, once they were travelled:
+            granted anew in each window, they let the stem of a slow loop travel three times as far
+            as before for good.
         resting: share of the travel before up to which the stem rests, beside one correction of two
             stick bands.
         noise: multiple of the variance that noise makes which is taken off while the stem rests: a
@@ -45,6 +48,7 @@ class PromiseSettings:
     strokes: float = 4.0
     resting: float = 0.1
     noise: float = 2.0
+    renewal: int = 2000
     shortest: int = 240
     persist: float = 0.125
 
@@ -58,7 +62,7 @@ class PromiseSettings:
             noise=self.noise,
             persist=self.persist,
         )
-        require_whole("PromiseSettings", 1, shortest=self.shortest)
+        require_whole("PromiseSettings", 1, renewal=self.renewal, shortest=self.shortest)
 
     def rests(self, travel: float, usual: float, scans: int, stroke: float) -> bool:
         """Whether a stem rests that travels so much a scan, ``usual`` before, over so many scans.
@@ -94,7 +98,11 @@ class PromiseWatch:
         self._lasting = math.ceil(s.persist * length)
         self._squares, self._ways, self._noises = (_RunningMean(length) for _ in range(3))
         self._length, self._least = length, math.inf
-        self._run = self._travel_run = 0
+        self._run = self._travel_run = self._spent_run = 0
+        granted = s.strokes * stroke
+        self._allowed = s.travel * travel + granted / s.renewal
+        # Of a stem that travels far in any case, a window's travel differs by more.
+        self._most, self._spent = max(granted, travel * s.shortest), 0.0
 
     def push(self, error: float, way: float, noise: float) -> Literal["", "deviation", "travel"]:
         """Take in a scan; return which part of the promise has been broken for too long.
@@ -108,7 +116,8 @@ class PromiseWatch:
         self._ways.push(way)
         self._noises.push(noise)
         self._least = min(self._least, noise)
-        if self._travels():
+        overspent = self._overspends(way)
+        if self._travels() or overspent:
             return "travel"
         return "deviation" if self._deviates() else ""
 
@@ -130,6 +139,16 @@ class PromiseWatch:
         travels = self._ways.mean * count > much
         self._travel_run = self._travel_run + 1 if travels else 0
         return self._travel_run >= s.persist * s.shortest
+
+    def _overspends(self, way: float) -> bool:
+        """Whether the stem has travelled, beyond what is granted, all that no loop is refused.
+
+        What a stem saves is not kept: a loop at rest for a day has no right to wear the valve.
+        """
+        s = self.settings
+        self._spent = max(0.0, self._spent + way - self._allowed)
+        self._spent_run = self._spent_run + 1 if self._spent > self._most else 0
+        return self._spent_run >= s.persist * s.shortest
 
     def _deviates(self) -> bool:
         """Whether PV has deviated too much for too long."""
