@@ -17,7 +17,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
-from compensator.action import require_positive, require_whole
+from compensator.action import require_not_negative, require_positive, require_whole
 
 __all__ = ["PromiseSettings", "PromiseWatch"]
 
@@ -34,6 +34,9 @@ class PromiseSettings:
         renewal: scans in which that many stick bands are granted again, once they were travelled:
             granted anew in each window, they let the stem of a slow loop travel three times as far
             as before for good.
+        learning: stick bands beside those, once: what finding the stem, J and the gain takes.
+            Without it 4 instead of 2 of 650 simulated loops were given back that would have halved
+            PV's deviation and travelled less than before.
         resting: share of the travel before up to which the stem rests, beside one correction of two
             stick bands.
         noise: multiple of the variance that noise makes which is taken off while the stem rests: a
@@ -49,6 +52,7 @@ class PromiseSettings:
     resting: float = 0.1
     noise: float = 2.0
     renewal: int = 2000
+    learning: float = 1.0
     shortest: int = 240
     persist: float = 0.125
 
@@ -62,6 +66,7 @@ class PromiseSettings:
             noise=self.noise,
             persist=self.persist,
         )
+        require_not_negative("PromiseSettings", learning=self.learning)
         require_whole("PromiseSettings", 1, renewal=self.renewal, shortest=self.shortest)
 
     def rests(self, travel: float, usual: float, scans: int, stroke: float) -> bool:
@@ -102,7 +107,7 @@ class PromiseWatch:
         granted = s.strokes * stroke
         self._allowed = s.travel * travel + granted / s.renewal
         # Of a stem that travels far in any case, a window's travel differs by more.
-        self._most, self._spent = max(granted, travel * s.shortest), 0.0
+        self._most, self._spent = max(granted, travel * s.shortest), -s.learning * stroke
 
     def push(self, error: float, way: float, noise: float) -> Literal["", "deviation", "travel"]:
         """Take in a scan; return which part of the promise has been broken for too long.
@@ -146,7 +151,7 @@ class PromiseWatch:
         What a stem saves is not kept: a loop at rest for a day has no right to wear the valve.
         """
         s = self.settings
-        self._spent = max(0.0, self._spent + way - self._allowed)
+        self._spent = max(min(self._spent, 0.0), self._spent + way - self._allowed)
         self._spent_run = self._spent_run + 1 if self._spent > self._most else 0
         return self._spent_run >= s.persist * s.shortest
 

@@ -289,11 +289,11 @@ def test_the_strokes_that_no_loop_is_refused_are_not_granted_anew_in_each_window
     found = [watch.push(0.3, 0.1, 0.0) for _ in range(1500)]
     first = next(k for k, broken in enumerate(found) if broken)
     assert found[first] == "travel"
-    assert 500 < first < 650
+    assert 600 < first < 750  # five stick bands at 0.044 OP a scan, and 30 scans
     # What a stem saves is not kept: before, it rested for as long as it likes.
     watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
     found = [watch.push(0.3, way, 0.0) for way in [0.0] * 3000 + [0.1] * 1500]
-    assert 3500 < next(k for k, broken in enumerate(found) if broken) < 3650
+    assert 3600 < next(k for k, broken in enumerate(found) if broken) < 3750
 
 
 def test_the_strokes_that_no_loop_is_refused_come_back_within_their_renewal() -> None:
@@ -301,6 +301,7 @@ def test_the_strokes_that_no_loop_is_refused_come_back_within_their_renewal() ->
     renewal = PromiseSettings().renewal
     burst = [6.0, 5.0, 6.0, 6.0, *[0.0] * (renewal - 4)]  # nearly all four, once in a renewal
     assert not any(watch.push(0.3, way, 0.0) for _ in range(5) for way in burst)
+    # What learning takes is granted once: of two such bursts in a renewal, the second one is over.
     twice = [6.0, 5.0, 6.0, 6.0, *[0.0] * (renewal // 2 - 4)]
     assert any(watch.push(0.3, way, 0.0) for _ in range(5) for way in twice)
 
