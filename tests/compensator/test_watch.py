@@ -306,6 +306,17 @@ def test_the_strokes_that_no_loop_is_refused_come_back_within_their_renewal() ->
     assert any(watch.push(0.3, way, 0.0) for _ in range(5) for way in twice)
 
 
+def test_travel_that_gains_nothing_is_given_half_as_much() -> None:
+    def scans(error: float) -> int:
+        watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
+        found = (watch.push(error, 0.12, 0.0) for _ in range(1000))
+        return next(k for k, broken in enumerate(found) if broken == "travel")
+
+    # 0.064 OP a scan beyond what is granted: five stick bands of 6 OP, or three of them.
+    assert 450 < scans(0.5) < 520
+    assert 270 < scans(0.6) < 330
+
+
 def test_a_stem_that_travels_far_in_any_case_may_do_so_unevenly() -> None:
     # 40 scans at twice the travel of before, 40 at rest: eight times four stick bands at a time.
     watch = PromiseWatch(mean_square=1.0, travel=5.0, stroke=6.0, window=240)
