@@ -110,7 +110,7 @@ class Admission:
         known = math.sqrt(before.mean_square)
         if shift > known:
             raise CompensatorError(
-                f"the stem's least move shifts the level by {shift:.3g}, more than the "
+                f"the stem's least move shifts PV by {shift:.3g}, more than the "
                 f"{known:.3g} by which it deviates now: compensation cannot halve that; leave the "
                 "loop to its own controller",
                 RefusalKind.WORSE,

@@ -34,12 +34,12 @@ class PromiseSettings:
         renewal: scans in which that many stick bands are granted again, once they were travelled:
             granted anew in each window, they let the stem of a slow loop travel three times as far
             as before for good.
-        learning: stick bands beside those, once: what finding the stem, J and the gain takes.
-            Without it 4 instead of 2 of 650 simulated loops were given back that would have halved
-            PV's deviation and travelled less than before.
+        learning: stick bands beside those of ``strokes``, once: what finding the stem, J and the
+            gain takes. Without it 4 instead of 2 of 650 simulated loops were given back that would
+            have halved PV's deviation and travelled less than before.
         gainless: share of all those stick bands that is too much already where PV deviates too much
-            as well since the stem began to spend them: of 650 simulated loops no good one is given
-            back for it, and 18 instead of 13 others sooner than without `renewal`.
+            as well since the stem began to spend them. Of 650 simulated loops no good one is given
+            back for it, and 18 instead of 13 others sooner than the window alone does.
         resting: share of the travel before up to which the stem rests, beside one correction of two
             stick bands.
         noise: multiple of the variance that noise makes which is taken off while the stem rests: a
