@@ -114,20 +114,24 @@ class PromiseWatch:
         # Of a stem that travels far in any case, a window's travel differs by more.
         self._most, self._spent = max(granted, travel * s.shortest), -s.learning * stroke
         self._spending, self._errors = 0, 0.0
+        self._from, self._since = math.nan, 0
 
-    def push(self, error: float, way: float, noise: float) -> Literal["", "deviation", "travel"]:
+    def push(
+        self, error: float, way: float, noise: float, stem: float = math.nan
+    ) -> Literal["", "deviation", "travel"]:
         """Take in a scan; return which part of the promise has been broken for too long.
 
         Args:
             error: PV minus SP.
             way: of the stem, less what the set-point asks for.
             noise: variance that noise alone makes, by what is known of it now.
+            stem: where it is, NaN if not known.
         """
         self._squares.push(error**2)
         self._ways.push(way)
         self._noises.push(noise)
         self._least = min(self._least, noise)
-        overspent = self._overspends(error, way)
+        overspent = self._overspends(error, way, self._taken_along(stem))
         if self._travels() or overspent:
             return "travel"
         return "deviation" if self._deviates() else ""
@@ -151,7 +155,21 @@ class PromiseWatch:
         self._travel_run = self._travel_run + 1 if travels else 0
         return self._travel_run >= s.persist * s.shortest
 
-    def _overspends(self, error: float, way: float) -> bool:
+    def _taken_along(self, stem: float) -> float:
+        """Return how far the stem has come: a load that goes asks for that of any controller.
+
+        What a window has brought is taken off at its end, so that a load may come back as well.
+        """
+        if not math.isfinite(self._from):
+            self._from = stem
+        come = abs(stem - self._from)
+        self._since += 1
+        if self._since >= self.settings.shortest and math.isfinite(come):
+            self._spent = max(min(self._spent, 0.0), self._spent - come)
+            self._from, self._since, come = stem, 0, 0.0
+        return come if math.isfinite(come) else 0.0
+
+    def _overspends(self, error: float, way: float, come: float) -> bool:
         """Whether the stem has travelled, beyond what is granted, all that no loop is refused.
 
         What a stem saves is not kept: a loop at rest for a day has no right to wear the valve.
@@ -163,7 +181,7 @@ class PromiseWatch:
         else:
             self._spending, self._errors = self._spending + 1, self._errors + error**2
         gains = self._errors - self._spending * self._least <= self._spending * self._square
-        much = self._spent > (1.0 if gains else s.gainless) * self._most
+        much = self._spent - come > (1.0 if gains else s.gainless) * self._most
         self._spent_run = self._spent_run + 1 if much else 0
         return self._spent_run >= s.persist * s.shortest
 

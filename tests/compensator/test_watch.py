@@ -306,6 +306,16 @@ def test_the_strokes_that_no_loop_is_refused_come_back_within_their_renewal() ->
     assert any(watch.push(0.3, way, 0.0) for _ in range(5) for way in twice)
 
 
+def test_the_way_that_a_load_takes_the_stem_along_is_not_counted() -> None:
+    # A load that goes by 0.1 OP a scan for 600 scans, and back.
+    watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
+    stems = [0.1 * min(k, 1200 - k) for k in range(1200)]
+    assert not any(watch.push(0.3, 0.1, 0.0, stem) for stem in stems)
+    # A stem that goes as far to and fro.
+    watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
+    assert any(watch.push(0.3, 0.1, 0.0, float(k // 10 % 2)) for k in range(1200))
+
+
 def test_travel_that_gains_nothing_is_given_half_as_much() -> None:
     def scans(error: float) -> int:
         watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
