@@ -76,6 +76,7 @@ class HybridMpc:
             gain_spread=s.gain_spread,
             offset_memory=s.offset_memory,
             late=tuple(samples for samples in s.late if samples < beyond),
+            jump_late=tuple(samples for samples in s.jump_late if samples < beyond),
         )
         self._bank = TrackerBank(self.prediction, model.valve, tracking, noises)
         self._planners = {

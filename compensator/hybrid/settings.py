@@ -60,6 +60,7 @@ class HybridSettings:
             is averaged in quiet times.
         late: samples by which PV may answer later than the model has it, or sooner where negative;
             each that leaves a dead time is followed too (`TrackerSettings.late`).
+        jump_late: the same where J is larger than the model has it (`TrackerSettings.jump_late`).
         trend: what makes a ramp of the set-point, and how far ahead it is planned.
         load_trend: what makes a drift of the load, and how far ahead it is planned.
         thrift: how travel is saved where PV is good enough.
@@ -89,6 +90,7 @@ class HybridSettings:
     gain_spread: float = 0.1
     offset_memory: float = 2.0
     late: tuple[int, ...] = (3, -3, -6)
+    jump_late: tuple[int, ...] = (5, 10)
     trend: SetpointTrendSettings = field(default_factory=SetpointTrendSettings)
     load_trend: LoadTrendSettings = field(default_factory=LoadTrendSettings)
     thrift: ThriftSettings = field(default_factory=ThriftSettings)

@@ -67,6 +67,12 @@ class TrackerSettings:
             factor on each twice the last is looked at too, up to the stick band: a block may state
             a J near 0 that is anything.
         least_jump: of those, as a share of the stick band.
+        jump_late: samples by which PV may answer later where J is one of the larger ``jumps``: a
+            stem of small J goes along with OP, one of larger J slips at once, and being so much
+            later makes up for a dead time that is too short. Where dead time and J were 11 and 2,
+            blocks said 1 and 0.2.
+        jump_late_claim: log-odds against such a dead time, beside those against the J: one in
+            three, none of the three is likelier.
         gains: factors of the model's gain of which each has a tracker too. One tracker learns at
             most half of its gain more or less, and slowly: where PV answered twice as much as the
             model had it, the stem of 16 of 25 simulated loops travelled farther than before.
@@ -114,6 +120,8 @@ class TrackerSettings:
     claim: float = 6.0
     jumps: tuple[float, ...] = (0.4, 0.65, 1.6)
     least_jump: float = 0.05
+    jump_late: tuple[int, ...] = (5, 10)
+    jump_late_claim: float = 1.1
     gains: tuple[float, ...] = (1.8,)
     late: tuple[int, ...] = (3, -3, -6)
     late_claim: float = 3.5
@@ -131,6 +139,7 @@ class TrackerSettings:
             delay_spread=self.delay_spread,
             alike=self.alike,
             claim=self.claim,
+            jump_late_claim=self.jump_late_claim,
             late_claim=self.late_claim,
             opposed_claim=self.opposed_claim,
             load_walk=self.load_walk,
@@ -173,6 +182,8 @@ class TrackerSettings:
             )
         for samples in self.late:
             require_whole("TrackerSettings", 1, late=abs(samples))
+        for samples in self.jump_late:
+            require_whole("TrackerSettings", 1, jump_late=samples)
         require_whole(
             "TrackerSettings",
             1,

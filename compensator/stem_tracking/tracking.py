@@ -20,6 +20,10 @@ of a longer one makes it wait. One that expects it too late takes the answer for
 against it, moves back, and sees another load when the first answer is due: trackers of shorter dead
 times know it for what it is.
 
+A limit cycle leaves J and dead time open together: a stem of small J goes along with OP bit by bit,
+one of larger J slips at once, and being so much later makes up for a dead time that is too short.
+So each larger slip jump has trackers of longer dead times as well.
+
 And of the gain. Where PV answers twice as much as the model has it, each move goes too far, and its
 way back as well. A load that comes and goes beside a move looks the same: while a tracker holds
 that a load has stepped, PV speaks for no other gain.
@@ -227,6 +231,8 @@ def _possible_kinds(
         price = settings.friction.price_of_jump(valve, factor)
         if price <= settings.claim and factor * valve.slip_jump <= valve.stick_band:
             kinds.append(_Kind(1.0, factor, price))
+            later = settings.jump_late if settles and factor > 1.0 else ()
+            kinds += [_Kind(1.0, factor, price + settings.jump_late_claim, late) for late in later]
     kinds += [_Kind(1.0, 1.0, settings.claim, gain=factor) for factor in settings.gains]
     kinds += [
         _Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late if late > -dead_time

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from compensator.action import CompensatorError, RefusalKind
+from compensator.hybrid.slow_lags import as_planned
 from compensator.supervising.figures import LoopFigures, Sample
 from compensator.supervising.given_up import GivenUpModels
 from compensator.supervising.record_check import seen_agreement, seen_friction
@@ -94,9 +95,14 @@ class Admission:
         A level is corrected by the least move of the stem and another one back, after the scans
         that OP stays. Where that shifts it by more than it deviated before, noise and the doubt
         about the stem leave more than half of that deviation: of 30 such simulated runs none
-        halved it.
+        halved it. The record of a loop that cycles faster than a lag does not tell that from a
+        level.
         """
-        if before is None or not process.is_integrating:
+        if before is None:
+            return
+        if before.travel * before.period >= valve.slip_jump:
+            process = as_planned(process, before.period)
+        if not process.is_integrating:
             return
         s = self._settings.hybrid
         least = valve.slip_jump + s.slip_margin * valve.static_friction
@@ -104,7 +110,7 @@ class Admission:
         known = math.sqrt(before.mean_square)
         if shift > known:
             raise CompensatorError(
-                f"the stem's least move shifts the level by {shift:.3g}, more than the "
+                f"the stem's least move shifts PV by {shift:.3g}, more than the "
                 f"{known:.3g} by which it deviates now: compensation cannot halve that; leave the "
                 "loop to its own controller",
                 RefusalKind.WORSE,

@@ -72,7 +72,13 @@ class LoopJudge:
         return watch is not None and not watch.judged and self._own_scans < watch.longest_trial
 
     def push(
-        self, compensator: Compensator, pv: float, sp: float, op: float, moved: float
+        self,
+        compensator: Compensator,
+        pv: float,
+        sp: float,
+        op: float,
+        moved: float,
+        stem: float = math.nan,
     ) -> WatchVerdict:
         """Return what is to be said of this scan.
 
@@ -82,6 +88,7 @@ class LoopJudge:
             sp: set-point.
             op: applied since the last scan.
             moved: way of the stem, by the valve model.
+            stem: where it is, by that model; NaN if not known.
         """
         assert self._watch is not None
         change, self._sp = sp - self._sp, sp
@@ -110,6 +117,7 @@ class LoopJudge:
             sp_change=change,
             limited=self.limited,
             at_limit=op <= limits.low + reach or op >= limits.high - reach,
+            stem=stem,
         )
         verdict = self._watch.push(seen)
         self._own_scans += 1

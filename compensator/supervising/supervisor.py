@@ -297,7 +297,7 @@ class Supervisor:
 
     def _compensate(self, pv: float, sp: float, op_applied: float, moved: float) -> Action:
         assert self._compensator is not None
-        verdict = self._judge.push(self._compensator, pv, sp, op_applied, moved)
+        verdict = self._judge.push(self._compensator, pv, sp, op_applied, moved, self._stem)
         if verdict is WatchVerdict.LEFT_RANGE and self._judge.load_did_it(self._compensator):
             self.state, self.reason = SupervisorState.WAITING, WithdrawReason.LOAD
             self._recess.begin(self._compensator.horizon)

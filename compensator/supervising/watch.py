@@ -56,6 +56,7 @@ class Watched:
         sp_change: change of SP in this scan.
         limited: whether the set-point is out of OP's reach.
         at_limit: whether OP stands at an end of its range.
+        stem: where it is, by the valve model; NaN if not known.
     """
 
     error: float
@@ -65,6 +66,7 @@ class Watched:
     sp_change: float = 0.0
     limited: bool = False
     at_limit: bool = False
+    stem: float = math.nan
 
 
 class RunAway:
@@ -295,7 +297,7 @@ class LoopWatch:
         return WatchVerdict.FINE, 0
 
     def _promised(self, seen: Watched) -> WatchVerdict:
-        broken = self._promise.push(seen.error, self._travels[-1], seen.noise_variance)
+        broken = self._promise.push(seen.error, self._travels[-1], seen.noise_variance, seen.stem)
         if not broken:
             return WatchVerdict.FINE
         return WatchVerdict.TRAVEL if broken == "travel" else WatchVerdict.NO_GAIN

@@ -36,6 +36,19 @@ def test_a_level_is_refused_that_the_stem_cannot_set_finely_enough() -> None:
     admission.require_fine_enough(VALVE, LAG, restless)
 
 
+def test_a_lag_longer_than_the_period_is_no_finer_to_set_than_a_level() -> None:
+    # In cycles of 12 scans a lag of 19.5 and a level look the same: 3.25 * 2 * 0.035 = 0.23.
+    admission, fast = Admission(SupervisorSettings()), LoopFigures(0.2**2, 1.0, 12.0, 1.0)
+    with pytest.raises(CompensatorError, match="cannot halve"):
+        admission.require_fine_enough(VALVE, LAG, fast)
+    # Cycles long enough for the lag to show.
+    admission.require_fine_enough(VALVE, LAG, LoopFigures(0.2**2, 1.0, 24.0, 1.0))
+    # A loop at rest has the period of its noise.
+    admission.require_fine_enough(VALVE, LAG, LoopFigures(0.2**2, 0.0, 12.0, 1.0))
+    # Where the slips are that large, the stem can set them finer.
+    admission.require_fine_enough(VALVE, LAG, LoopFigures(0.3**2, 1.0, 12.0, 1.0))
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("process", "given_back"), [(LEVEL, True), (LAG, False)])
 def test_a_ramp_asks_a_level_for_another_slope_once(

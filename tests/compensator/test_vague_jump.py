@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compensator import Uncertainty
+from compensator import PiController, PiSettings, Supervisor, Uncertainty
 from compensator.prediction import Prediction
 from compensator.stem_tracking.friction import FrictionPrior
 from compensator.stem_tracking.tracker_settings import TrackerSettings
 from compensator.stem_tracking.tracking import NOISE_KINDS, TrackerBank
-from fieldlink.lab.study.closed_loop import EXAMPLE_1
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
 from tests.compensator.supervised_loop import Loop
 from tests.seeds import in_suite
@@ -61,7 +61,9 @@ def test_a_dead_time_a_sample_too_long_is_not_taken_for_a_wrong_gain(seed: int) 
 
 def bank_of(valve: ValveModel, uncertainty: Uncertainty) -> list[tuple[float, float]]:
     friction = FrictionPrior(uncertainty=uncertainty)
-    settings = TrackerSettings(NOISE_KINDS[0], friction=friction, late=(), restless=(), gains=())
+    settings = TrackerSettings(
+        NOISE_KINDS[0], friction=friction, late=(), restless=(), gains=(), jump_late=()
+    )
     bank = TrackerBank(Prediction.of(EXAMPLE_1.process, "input"), valve, settings, NOISE_KINDS[:1])
     return [(t.valve.slip_jump / valve.slip_jump, t.settings.gain) for t in bank.trackers]
 
@@ -87,3 +89,42 @@ def test_other_slip_jumps_are_followed_as_far_as_the_interval_reaches() -> None:
 def test_the_product_of_jump_and_gain_is_that_of_the_model() -> None:
     for jump, gain in bank_of(ValveModel(11.0, 3.0), VAGUE)[3:]:
         assert jump * gain == pytest.approx(1.0)
+
+
+def test_with_a_larger_slip_jump_a_longer_dead_time_is_followed() -> None:
+    friction = FrictionPrior(uncertainty=Uncertainty(1.2, 1.0))
+    settings = TrackerSettings(NOISE_KINDS[0], friction=friction, restless=(), gains=())
+    prediction, valve = Prediction.of(EXAMPLE_1.process, "input"), ValveModel(6.25, 0.25)
+    own = prediction.dead_time
+    bank = TrackerBank(prediction, valve, settings, NOISE_KINDS[:1])
+    larger = [t for t in bank.trackers if t.settings.gain < 1.0]
+    assert [round(t.valve.slip_jump, 2) for t in larger[::3]] == [0.4, 0.8, 1.6, 3.2]
+    assert [t.prediction.dead_time - own for t in larger] == [0, 5, 10] * 4
+    # a smaller J makes no such room, and a level has no slip that settles
+    narrow = replace(settings, friction=FrictionPrior(uncertainty=Uncertainty(0.18, 0.18)))
+    smaller = TrackerBank(prediction, ValveModel(11.0, 3.0), narrow, NOISE_KINDS[:1]).trackers
+    late = {t.prediction.dead_time - own for t in smaller if t.settings.gain != 1.0}
+    assert late == {0}
+
+
+@pytest.mark.parametrize("seed", in_suite(2, range(4)))
+def test_a_small_jump_with_too_short_a_dead_time_does_not_make_the_loop_hunt(seed: int) -> None:
+    """A window of a long dead time may be read as a short one and a stem that goes along."""
+    process = ProcessModel((-0.931,), (0.0759,), 11, -50.0 * 0.0759, 1.0)
+    read = ProcessModel((-0.931,), (4.0 * 0.0759,), 3, -200.0 * 0.0759, 1.0)
+    noise = np.random.default_rng(seed).normal(0.0, 0.1, 1300)
+    supervisor = Supervisor(PiController(PiSettings(0.256, 12.3, 1.0)))
+    plant, op = Plant(process, ValveModel(6.0, 2.0), 50.0, 49.0), 50.0
+    error, stem = np.empty(1300), np.empty(1300)
+    for k in range(1300):
+        if k == 600:
+            assert supervisor.offer(LoopModel(ValveModel(6.0, 0.5), read), Uncertainty(1.2, 1.1))
+        sp = 2.6 if k >= 20 else 0.0
+        op = supervisor.step(plant.pv + float(noise[k]), sp, op).op
+        plant.step(op)
+        error[k], stem[k] = plant.pv - sp, plant.stem
+    # With longer dead times left out, all of four were given back, PV at 0.5 to 2.4 times.
+    assert supervisor.compensating
+    assert np.std(error[700:]) <= 0.5 * np.std(error[150:600])
+    way = np.abs(np.diff(stem))
+    assert way[700:].mean() <= way[150:600].mean()

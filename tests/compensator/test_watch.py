@@ -266,7 +266,7 @@ def test_a_slow_loop_that_travels_far_too_much_is_given_back_before_its_window_i
     watch = PromiseWatch(mean_square=1.0, travel=0.05, stroke=6.0, window=1000)
     found = [watch.push(0.3, 0.2, 0.0) for _ in range(300)]
     assert found[-1] == "travel"
-    assert not any(found[: PromiseSettings().shortest - 1])
+    assert not any(found[: int(4 * 6.0 / (0.2 - 0.05))])  # not before it has used up the strokes
     # The strokes that it is allowed are not refused to it in so short a time.
     watch = PromiseWatch(mean_square=1.0, travel=0.05, stroke=6.0, window=1000)
     assert not any(watch.push(0.3, 0.1, 0.0) for _ in range(300))
@@ -281,6 +281,57 @@ def first_verdict(
         if verdict is not WatchVerdict.FINE:
             return k, verdict
     return 1000, WatchVerdict.FINE
+
+
+def test_the_strokes_that_no_loop_is_refused_are_not_granted_anew_in_each_window() -> None:
+    # 2.5 times as far as before, for good: 24 OP a window, and not four stick bands more than 10.6.
+    watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
+    found = [watch.push(0.3, 0.1, 0.0) for _ in range(1500)]
+    first = next(k for k, broken in enumerate(found) if broken)
+    assert found[first] == "travel"
+    assert 600 < first < 750  # five stick bands at 0.044 OP a scan, and 30 scans
+    # What a stem saves is not kept: before, it rested for as long as it likes.
+    watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
+    found = [watch.push(0.3, way, 0.0) for way in [0.0] * 3000 + [0.1] * 1500]
+    assert 3600 < next(k for k, broken in enumerate(found) if broken) < 3750
+
+
+def test_the_strokes_that_no_loop_is_refused_come_back_within_their_renewal() -> None:
+    watch = PromiseWatch(mean_square=1.0, travel=0.001, stroke=6.0, window=240)
+    renewal = PromiseSettings().renewal
+    burst = [6.0, 5.0, 6.0, 6.0, *[0.0] * (renewal - 4)]  # nearly all four, once in a renewal
+    assert not any(watch.push(0.3, way, 0.0) for _ in range(5) for way in burst)
+    # What learning takes is granted once: of two such bursts in a renewal, the second one is over.
+    twice = [6.0, 5.0, 6.0, 6.0, *[0.0] * (renewal // 2 - 4)]
+    assert any(watch.push(0.3, way, 0.0) for _ in range(5) for way in twice)
+
+
+def test_the_way_that_a_load_takes_the_stem_along_is_not_counted() -> None:
+    # A load that goes by 0.1 OP a scan for 600 scans, and back.
+    watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
+    stems = [0.1 * min(k, 1200 - k) for k in range(1200)]
+    assert not any(watch.push(0.3, 0.1, 0.0, stem) for stem in stems)
+    # A stem that goes as far to and fro.
+    watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
+    assert any(watch.push(0.3, 0.1, 0.0, float(k // 10 % 2)) for k in range(1200))
+
+
+def test_travel_that_gains_nothing_is_given_half_as_much() -> None:
+    def scans(error: float) -> int:
+        watch = PromiseWatch(mean_square=1.0, travel=0.04, stroke=6.0, window=240)
+        found = (watch.push(error, 0.12, 0.0) for _ in range(1000))
+        return next(k for k, broken in enumerate(found) if broken == "travel")
+
+    # 0.064 OP a scan beyond what is granted: five stick bands of 6 OP, or three of them.
+    assert 450 < scans(0.5) < 520
+    assert 270 < scans(0.6) < 330
+
+
+def test_a_stem_that_travels_far_in_any_case_may_do_so_unevenly() -> None:
+    # 40 scans at twice the travel of before, 40 at rest: eight times four stick bands at a time.
+    watch = PromiseWatch(mean_square=1.0, travel=5.0, stroke=6.0, window=240)
+    ways = ([10.0] * 40 + [0.0] * 40) * 12
+    assert not any(watch.push(0.3, way, 0.0) for way in ways)
 
 
 def test_a_loop_without_gain_is_given_back_within_three_and_a_half_periods() -> None:
