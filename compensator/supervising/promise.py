@@ -165,17 +165,14 @@ class PromiseWatch:
         come = abs(stem - self._from)
         self._since += 1
         if self._since >= self.settings.shortest and math.isfinite(come):
-            self._spent = max(min(self._spent, 0.0), self._spent - come)
+            self._spend(-come)
             self._from, self._since, come = stem, 0, 0.0
         return come if math.isfinite(come) else 0.0
 
     def _overspends(self, error: float, way: float, come: float) -> bool:
-        """Whether the stem has travelled, beyond what is granted, all that no loop is refused.
-
-        What a stem saves is not kept: a loop at rest for a day has no right to wear the valve.
-        """
+        """Whether the stem has travelled, beyond what is granted, all that no loop is refused."""
         s = self.settings
-        self._spent = max(min(self._spent, 0.0), self._spent + way - self._allowed)
+        self._spend(way - self._allowed)
         if self._spent <= 0.0:
             self._spending, self._errors = 0, 0.0
         else:
@@ -184,6 +181,13 @@ class PromiseWatch:
         much = self._spent - come > (1.0 if gains else s.gainless) * self._most
         self._spent_run = self._spent_run + 1 if much else 0
         return self._spent_run >= s.persist * s.shortest
+
+    def _spend(self, way: float) -> None:
+        """Add to what the stem has travelled beyond what is granted.
+
+        What it saves is not kept: a loop at rest for a day has no right to wear the valve.
+        """
+        self._spent = max(min(self._spent, 0.0), self._spent + way)
 
     def _deviates(self) -> bool:
         """Whether PV has deviated too much for too long."""

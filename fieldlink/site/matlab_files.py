@@ -128,8 +128,8 @@ def _refuse_odd(
 def _counted_times(named: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
     """The column of times that Ts or fs gives; nothing where none of them is there.
 
-    What is no length of time stands in every row, which is refused then: Simulink has 0 and -1 for
-    models without a sample time of their own.
+    A value that is no length of time is put into every row, so that the reader names and refuses
+    it. Simulink has 0 and -1 for models without a sample time of their own.
     """
     for names in (_PERIODS, _RATES):
         given = [v for name, v in named.items() if name.lower() in names and np.size(v) == 1]

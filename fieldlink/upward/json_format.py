@@ -80,11 +80,11 @@ class JsonFormat:
 
     def repeats(self, before: int) -> Iterable[Outgoing]:
         """Return the findings, the oldest first; closed ones once."""
-        told = [one for one in self._findings.values() if one.id < before]
-        for name in [name for name, one in self._findings.items() if one in told]:
-            if not _is_open(self._findings[name]):
+        told = {name: one for name, one in self._findings.items() if one.id < before}
+        for name, one in told.items():
+            if not _is_open(one):
                 del self._findings[name]
-        return [packet for one in told for packet in self.encode(one)]
+        return [packet for one in told.values() for packet in self.encode(one)]
 
     def forget_repeats(self) -> None:
         """Repeat nothing that was noted up to now."""

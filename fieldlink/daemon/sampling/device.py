@@ -124,10 +124,9 @@ class DeviceRunner:
         self._polls += 1
         self._requests += scan.requests
         self._watch(scan)
-        answers = self._state in (LinkState.GOOD, LinkState.DEGRADED)
         for loop in self.loops.values():
             try:
-                record = loop.take(scan, now, due, answers=answers)
+                record = loop.take(scan, now, due, answers=self._answers)
             except Exception as error:  # noqa: BLE001  (told; the other loops go on)
                 self._journal.defect(loop.name, error, "this sample of the loop is left out")
             else:
@@ -165,13 +164,16 @@ class DeviceRunner:
             if not await self._look(self.loops[silent], now):
                 break
 
+    @property
+    def _answers(self) -> bool:
+        """Whether the device answers its polls."""
+        return self._state in (LinkState.GOOD, LinkState.DEGRADED)
+
     async def _look(self, loop: LoopRunner, now: float) -> bool:
         """Let one write-back do what is due; return whether its area was looked at and answers."""
-        answers = self._state in (LinkState.GOOD, LinkState.DEGRADED)
-        looked = await loop.service(now, device_answers=answers)
+        looked = await loop.service(now, device_answers=self._answers)
         if looked:
-            answers = self._state in (LinkState.GOOD, LinkState.DEGRADED)
-            self._areas.note(loop.name, loop.last_look, now, answers=answers)
+            self._areas.note(loop.name, loop.last_look, now, answers=self._answers)
         return looked and not self._areas.is_silent(loop.name)
 
     async def _wait_for_a_scan(self) -> None:
